@@ -27,17 +27,27 @@ RISE, MOST, LEAST = 0.2, 150, 8
 # Idle points at least, their slope over that where the force has risen at most, and what they must
 # explain more than a curve without them, over the variance of the residuals.
 IDLE, FLAT, CLEAR = 3, 0.2, 15.0
+# A slope of the idle part below this one is none.
+SHARP = 0.05
+# The same where a curve of the model tells where they end.
+FEWEST_IDLE = 2
 # Relative spread of forces below which they count as exact.
 EXACT = 1e-4
 # Errors of the origin over the largest strain: from the first on the values are in doubt, from the
 # second on the test is refused where preload and offset look alike. E h changes five times as much.
-DOUBT, REFUSE = 5e-3, 0.015
+DOUBT, REFUSE = 5e-3, 0.02
+# The first where the first points tell it.
+SMALL = 2e-3
 # Part of the strains whose curve tells a preload: beyond, it follows its bound.
 NEAR = 0.6
 # The beginning is a cubic polynomial within this part of its strains.
 CUBIC = 5e-3
 # An estimate differs from 0 if it is this many standard errors away.
 SURE = 3.0
+# A test is refused only if it is as many away.
+CERTAIN = 5.0
+# One that is so many away widens the intervals.
+HIDDEN = 1.5
 # A curve of the model misses the test if its residuals are this part of the largest stress.
 MISSED = 0.05
 
@@ -65,6 +75,7 @@ class _Start:
         level, level_error: Idle stress, or that at the strain 0 where there is no idle part.
         slope: Of the stress, after `at` or at the strain 0.
         idle: Number of idle points; 0 without an idle part.
+        toe: Slope of the idle part over that after it, where noise does not explain it.
     """
 
     at: float
@@ -73,6 +84,7 @@ class _Start:
     level_error: float
     slope: float
     idle: int
+    toe: float = 0.0
 
 
 def from_rest(test: TensileTest, options: FitOptions) -> Begun:
@@ -92,7 +104,7 @@ def from_rest(test: TensileTest, options: FitOptions) -> Begun:
     start = _start(branch)
     if start.idle:
         return _after_idle(branch, start, later, options, said)
-    return _without_idle(branch, start, options, said)
+    return _without_idle(branch, start, later, options, said)
 
 
 def _with(test: TensileTest, said: list[str], doubts: list[str]) -> TensileTest:
@@ -149,7 +161,17 @@ def _after_idle(
         f"the force rises from a strain of {100 * at:.3g} % on, {how}; "
         f"--start {other} takes it for {other}."
     )
-    return Begun(_with(_moved(moved, at, kind == "set"), said, doubts), start.error)
+    moved = _moved(moved, at, kind == "set")
+    spread = float(np.hypot(start.error, start.toe * at))
+    if start.toe:
+        doubts.append("its force rises by and by, a toe: the strain from which it does is vague.")
+    rest = _fitted(moved.stretch - 1, moved.stress)
+    reach = float(moved.stretch.max() - 1)
+    if rest.sure(HIDDEN) and not rest.missed:
+        spread = float(np.hypot(spread, rest.strain))
+        if rest.sure() and abs(rest.strain) > max(DOUBT * reach, 2 * start.error):
+            doubts.append(_toe(rest))
+    return Begun(_with(moved, said, doubts), spread)
 
 
 def _moved(test: TensileTest, at: float, longer: bool) -> TensileTest:
@@ -167,17 +189,33 @@ def _moved(test: TensileTest, at: float, longer: bool) -> TensileTest:
 
 
 def _without_idle(
-    test: TensileTest, start: _Start, options: FitOptions, said: list[str]
+    test: TensileTest, start: _Start, later: bool, options: FitOptions, said: list[str]
 ) -> Begun:
-    """Return a test that pulls from its first point on."""
+    """Return a test whose first points tell no idle level by themselves."""
     doubts: list[str] = []
     x, stress = test.stretch - 1, test.stress
     reach, top = float(x.max()), float(stress.max())
-    if not (reach > 0 and top > 0 and start.slope > 0):
+    if not (reach > 0 and top > 0):
         return Begun(_with(test, said, doubts), 0.0)
-    told = start.level / start.slope / reach
+    found, idle = _fitted(x, stress), _fitted(x, stress, level=True)
+    flat = x < idle.strain
+    likely = found.strain > 0 or idle.variance * (1 + 4 / len(x)) < found.variance
+    if likely and idle.sure() and not idle.missed and flat.sum() >= FEWEST_IDLE:
+        slope, error = _slope(x[flat], stress[flat]) if flat.sum() > 2 else (0.0, 0.0)
+        after = float(stress[~flat].mean() - idle.level) / float(x[~flat].mean() - idle.strain)
+        if abs(slope) < FLAT * after + 2 * error:
+            spread = float(np.std(stress[flat])) / np.sqrt(flat.sum())
+            error = float(np.hypot(idle.error, CUBIC * idle.strain))
+            begun = _Start(idle.strain, error, idle.level, spread, start.slope, int(flat.sum()))
+            return _after_idle(test, begun, later, options, said)
+    slope = start.slope if start.slope > 0 else top / reach
+    at_zero = start.level / slope  # as a strain
     sure = abs(start.level) > SURE * start.level_error
-    if sure and told > REFUSE and options.offset == "ask":
+    # Noise may hide it at the beginning, and the whole curve tell it.
+    hidden = found.sure() and start.level > start.level_error
+    refused = at_zero > REFUSE * reach and start.level > CERTAIN * start.level_error
+    refused |= hidden and min(at_zero, -found.strain) > 2 * REFUSE * reach
+    if refused and options.offset == "ask":
         raise MeasurementError(
             f"specimen {test.specimen!r}: at a strain of 0 the force is "
             f"{start.level:.3g} N/m over the width, {start.level / top:.2g} of the largest. Either "
@@ -185,41 +223,64 @@ def _without_idle(
             "which: --offset preload keeps the force and finds the length without it; --offset "
             "untared takes the force off."
         )
-    untared = sure and told < -REFUSE and float(x.min()) < 0.5 * -start.level / start.slope
-    if options.offset == "untared" or (untared and options.offset != "preload"):
-        level = _fitted(x, stress, "level").value
-        said.append(f"a force of {level:.3g} N/m over the width was taken off: an untared cell.")
+    negative = sure and at_zero < -REFUSE * reach and float(x.min()) < -0.5 * at_zero
+    if options.offset == "untared" or (negative and options.offset == "ask"):
+        shift = _fitted(x, stress, strain=False, level=True)
+        said.append(
+            f"a force of {shift.level:.3g} N/m over the width was taken off: an untared cell."
+        )
         if options.offset == "ask":
             doubts.append("its force is negative at first, as of a cell that was not tared.")
-        return Begun(_with(replace(test, stress=stress - level), said, doubts), 0.0)
+        tared = replace(test, stress=stress - shift.level)
+        return Begun(_with(tared, said, doubts), shift.error / slope)
     if options.offset == "preload":
         near = x <= NEAR * reach
-        found = _fitted(x[near], stress[near], "strain")
-        error = float(np.hypot(found.error, found.value + start.level / start.slope))
-        if found.value < 0:
+        close = _fitted(x[near], stress[near])
+        if close.strain < 0:
+            percent = -100 * close.strain / (1 + close.strain)
             said.append(
-                f"it was preloaded to a strain of {-100 * found.value / (1 + found.value):.3g} %, "
-                "as its curve tells, and the gauge length is shorter by it."
+                f"it was preloaded to a strain of {percent:.3g} %, as its curve tells, and the "
+                "gauge length is shorter by it."
             )
-            moved = _moved(test, found.value, longer=True)
-            return Begun(_with(moved, said, doubts), error)
-    found = _fitted(x, stress, "strain")
+            error = float(np.hypot(close.error, close.strain + at_zero))
+            return Begun(_with(_moved(test, close.strain, longer=True), said, doubts), error)
+    late = found.sure(HIDDEN) and found.strain > 0 and not found.missed
+    if sure and SMALL * reach < abs(at_zero) and not (late and at_zero < 0):
+        doubts.append(
+            f"its force at a strain of 0 is that of a strain of {100 * at_zero:.2g} %: a small "
+            "preload or slack, or an untared cell. E h changes by more than that."
+        )
+        return Begun(_with(test, said, doubts), abs(at_zero))
     # A curve that is steeper at first than the model is no offset where its force begins at 0.
-    none = found.value < 0 and not (sure and told > DOUBT)
-    if none or found.missed or abs(found.value) < max(SURE * found.error, DOUBT * reach):
+    if found.missed or found.strain < 0 and found.sure():
         return Begun(_with(test, said, doubts), 0.0)
-    percent = f"{100 * found.value:.2g} %"
-    if 0 < found.value < float(x.min()) * 1.5 and options.start != "none":
-        longer = options.start == "set"
+    if not found.sure() or abs(found.strain) < DOUBT * reach:
+        hidden = abs(found.strain) if found.sure(HIDDEN) and not found.missed else 0.0
+        return Begun(_with(test, said, doubts), hidden)
+    percent = f"{100 * found.strain:.2g} %"
+    if found.strain < float(x.min()) * 1.5 and options.start != "none":
+        longer = options.start == "set" or (options.start == "auto" and later)
         said.append(f"it begins at a strain of {100 * x.min():.3g} %, and its force at {percent}.")
         doubts.append(f"its rest was not recorded; its curve tells a strain of {percent}.")
-        return Begun(_with(_moved(test, found.value, longer), said, doubts), found.error)
-    what = "a toe" if found.value > 0 else "a small preload, or an untared cell"
-    doubts.append(
-        f"it has {what}: the rest of its curve begins at a strain of {percent}, not at 0, which "
-        "changes E h by more."
+        return Begun(_with(_moved(test, found.strain, longer), said, doubts), found.error)
+    doubts.append(_toe(found))
+    return Begun(_with(test, said, doubts), found.strain)
+
+
+def _toe(found: _Shift) -> str:
+    return (
+        f"it has a toe: the rest of its curve begins at a strain of {100 * found.strain:.2g} %, "
+        "not at 0, which changes E h by more."
     )
-    return Begun(_with(test, said, doubts), abs(found.value))
+
+
+def _slope(x: Floats, y: Floats) -> tuple[float, float]:
+    """Return the slope of a line, and its standard error."""
+    own = x - x.mean()
+    square = max(float(own @ own), 1e-300)
+    slope = float(own @ y) / square
+    rest = y - y.mean() - slope * own
+    return slope, float(np.sqrt(rest @ rest / max(len(x) - 2, 1) / square))
 
 
 def _start(test: TensileTest) -> _Start:
@@ -261,16 +322,17 @@ def _start(test: TensileTest) -> _Start:
     level, slope = np.linalg.lstsq(design, y, rcond=None)[0][:2]
     if idle >= IDLE and (without - least) / variance > CLEAR and slope > 0 and at > 0:
         flat, own = x[:idle], y[:idle]
-        steep = np.polyfit(flat, own, 1)[0] * span
-        error = np.sqrt(variance / max(np.sum((flat - flat.mean()) ** 2), 1e-300)) * span
-        mean = float((y[idle:] - own.mean()).sum() / max((x[idle:] - at).sum(), 1e-300) * span)
+        steep = _slope(flat, own)[0]
+        error = float(np.sqrt(variance) / max(np.std(flat) * np.sqrt(idle), 1e-300))
+        mean = float((y[idle:] - own.mean()).sum() / max((x[idle:] - at).sum(), 1e-300))
         if abs(steep) < FLAT * mean + 2 * error:
+            toe = max(abs(steep) - 2 * error, 0.0) / mean if steep > SHARP * mean else 0.0
             h = 0.02 * span
             bend = (misfit(at + h) + misfit(at - h) - 2 * least) / h**2
             spread = float(np.hypot(np.sqrt(2 * variance / bend) if bend > 0 else h, CUBIC * span))
             level_error = float(np.sqrt(variance / idle))
             return _Start(at, spread, float(level) * unit, level_error * unit,
-                          float(slope) * unit / span, idle)  # fmt: skip
+                          float(slope) * unit / span, idle, toe)  # fmt: skip
     variance = without / max(n - 4, 1) + EXACT**2
     spread = float(np.sqrt(variance * np.linalg.pinv(plain.T @ plain)[0, 0]))
     return _Start(0.0, 0.0, float(found[0]) * unit, spread * unit, float(found[1]) * unit / span, 0)
@@ -278,42 +340,71 @@ def _start(test: TensileTest) -> _Start:
 
 @dataclass(frozen=True)
 class _Shift:
-    """What a curve of eq. (1) tells of its own origin: value, standard error, and a misfit."""
+    """What a curve of eq. (1) tells of its own origin.
 
-    value: float
+    Attributes:
+        strain, level: At which it begins; 0 where it was not asked for.
+        error: Standard error of the strain, or of the level where it alone was asked for.
+        variance: Of the residuals, over the largest stress.
+    """
+
+    strain: float
+    level: float
     error: float
-    missed: bool
+    variance: float
+
+    @property
+    def missed(self) -> bool:
+        """Whether the curve misses the test."""
+        return self.variance > MISSED**2
+
+    def sure(self, times: float = SURE) -> bool:
+        """Whether the strain differs from 0 by some standard errors."""
+        return abs(self.strain) > times * self.error
 
 
-def _fitted(x: Floats, stress: Floats, what: str) -> _Shift:
-    """Return the strain at which a curve of eq. (1) begins, or the stress that it begins with."""
+def _fitted(x: Floats, stress: Floats, *, strain: bool = True, level: bool = False) -> _Shift:
+    """Return the strain at which a curve of eq. (1) begins, the stress from which it does, or both.
+
+    Of both the strain is positive, and the stress stays what it is up to there.
+    """
     order = np.argsort(x, kind="stable")
     parts = np.array_split(order, min(len(order), MOST))
     x, stress = (np.array([values[part].mean() for part in parts]) for values in (x, stress))
     reach, top = float(x.max()), float(np.abs(stress).max())
+    asked = np.array([True] * 4 + [strain, level])
 
-    def model(theta: Floats) -> Floats:
-        at = reach * theta[4] if what == "strain" else 0.0
-        strain, own = np.maximum(x - at, 0.0), reach - at
+    def model(some: Floats) -> Floats:
+        theta = np.zeros(6)
+        theta[asked] = some
+        at = reach * theta[4]
         mu, lam = lame(np.exp(theta[0]), theta[1])
-        c = Coefficients(mu, lam, theta[2] / own**2, theta[3] / own**2)
-        free = pulling_stress(strain, lateral_strain(strain, c), c)
-        return np.asarray(free / top + (0.0 if what == "strain" else theta[4]))
+        c = Coefficients(mu, lam, *theta[2:4] / (reach - at) ** 2)
+        own = np.maximum(x - at, 0.0)
+        return np.asarray(pulling_stress(own, lateral_strain(own, c), c) / top + theta[5])
 
-    guess = np.log(top / reach)
-    low = np.array([guess - 9, 0.0, 1e-2, 1e-2, -0.5])
-    high = np.array([guess + 9, LARGEST_POISSON, NEAREST**-2, 4.0, 0.5])
+    guess, least = np.log(top / reach), 0.0 if level else -0.5
+    low = np.array([guess - 9, -1e-9, 1e-2, 1e-2, least - 1e-9, -0.5])[asked]
+    high = np.array([guess + 9, LARGEST_POISSON, NEAREST**-2, 4.0, 0.5, 0.5])[asked]
     tried = [
         least_squares(
-            lambda theta: (model(theta) - stress / top) / 0.01, start, bounds=(low, high),
-            loss="soft_l1", x_scale=[1, 0.3, 0.3, 0.3, 0.1], max_nfev=200,
+            lambda theta: (model(theta) - stress / top) / 0.01,
+            np.array([guess - fall, 0.3, bound, 0.2, at, 0.0])[asked],
+            bounds=(low, high), loss="soft_l1", max_nfev=200,
+            x_scale=np.array([1, 0.3, 0.3, 0.3, 0.1, 0.1])[asked],
         )
-        for start in ([guess, 0.3, 0.2, 0.2, 0.0], [guess - 0.5, 0.3, 0.8, 0.2, 0.0])
+        for at in ((0.0, 0.12) if strain else (0.0,))
+        for fall, bound in ((0.0, 0.2), (0.5, 0.8))
     ]  # fmt: skip
     found = min(tried, key=lambda one: float(one.cost))
-    residuals = model(found.x) - stress / top
-    variance = float(np.mean(residuals**2)) * len(x) / max(len(x) - 5, 1) + EXACT**2
+    residuals, p = model(found.x) - stress / top, len(found.x)
+    variance = float(np.mean(residuals**2)) * len(x) / max(len(x) - p, 1) + EXACT**2
     precision = found.jac.T @ found.jac * 1e-4 / variance + np.diag((high - low) ** -2.0)
-    error = float(np.sqrt(np.linalg.inv(precision)[4, 4]))
-    unit = reach if what == "strain" else top
-    return _Shift(unit * float(found.x[4]), unit * error, bool(variance > MISSED**2))
+    error = float(np.sqrt(np.linalg.inv(precision)[4, 4])) * (reach if strain else top)
+    values = iter(found.x[4:])
+    return _Shift(
+        reach * float(next(values)) if strain else 0.0,
+        top * float(next(values)) if level else 0.0,
+        error,
+        variance,
+    )
