@@ -80,7 +80,8 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
 
     CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), with 95 %
     intervals. The header names the columns with their units: 'strain [%]', 'force [N]',
-    'lateral strain [%]'. The folder gets fit.txt, fit.json, fit.csv and fit.png.
+    'lateral strain [%]'; tables of test machines are read as they are. Slack, set and break
+    are left out, and told. The folder gets fit.txt, fit.json, fit.csv and fit.png.
     With a name and a file of materials, scenes can take the material by its name.
     """
 

@@ -278,7 +278,7 @@ def _kind(name: str) -> tuple[str, int] | None:
     if match := _BRACKETS.fullmatch(name):
         return _kind(match[1])
     # A symbol or a number may follow: "Kraft F", "Load 1".
-    short = re.sub(r" \w$", "", plain)
+    short = re.sub(r" \w\d?$", "", plain)
     return _KNOWN.get(short)
 
 

@@ -158,7 +158,7 @@ class _Fit:
             drawn = bootstrap_draws(problem, solution, self.samples, options.draws, options.seed)
         else:
             drawn = hessian_draws(problem, solution, max(options.draws, 4000), options.seed)
-        drawn = drawn + self._moved(solution, len(drawn))
+        drawn = np.clip(drawn + self._moved(solution, len(drawn)), *scales.bounds)
         (stress, lateral), _ = curve(solution.theta)
         far, near = (scales.values(end, self.thickness) for end in scales.bounds)
         return FitResult(

@@ -47,7 +47,7 @@ SURE = 3.0
 # A test is refused only if it is as many away.
 CERTAIN = 5.0
 # One that is so many away widens the intervals.
-HIDDEN = 1.5
+HIDDEN = 1.2
 # A curve of the model misses the test if its residuals are this part of the largest stress.
 MISSED = 0.05
 
@@ -162,14 +162,16 @@ def _after_idle(
         f"--start {other} takes it for {other}."
     )
     moved = _moved(moved, at, kind == "set")
-    spread = float(np.hypot(start.error, start.toe * at))
+    spread = float(np.hypot(start.error, 2 * start.toe * at))
     if start.toe:
         doubts.append("its force rises by and by, a toe: the strain from which it does is vague.")
     rest = _fitted(moved.stretch - 1, moved.stress)
     reach = float(moved.stretch.max() - 1)
     if rest.sure(HIDDEN) and not rest.missed:
         spread = float(np.hypot(spread, rest.strain))
-        if rest.sure() and abs(rest.strain) > max(DOUBT * reach, 2 * start.error):
+        # Model and curve differ as much where the origin is right and the curve steep at first.
+        least = DOUBT if rest.strain > 0 else 2 * DOUBT
+        if rest.sure() and abs(rest.strain) > max(least * reach, 2 * start.error):
             doubts.append(_toe(rest))
     return Begun(_with(moved, said, doubts), spread)
 

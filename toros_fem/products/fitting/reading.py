@@ -333,7 +333,10 @@ def _said_above(
                     if not value:
                         raise ParameterError(f"the {kind} is empty.")
                 elif kind not in given.values:
-                    found[kind] = _size(kind, value)
+                    try:
+                        found[kind] = _size(kind, value)
+                    except ParameterError as error:  # it may not be needed
+                        found[kind] = MeasurementError(f"{path}, line {k}: {error}", path, k)
     return found
 
 
@@ -505,7 +508,9 @@ def _point(row: Mapping[str, Any], columns: Mapping[int, Column]) -> _Point:
         )
 
     def size(kind: str) -> float:
-        found: float = row[kind]
+        found: float | MeasurementError = row[kind]
+        if isinstance(found, MeasurementError):
+            raise found
         least, largest = SPECIMENS[kind]
         if not least <= found <= largest:
             raise ParameterError(

@@ -99,8 +99,9 @@ class TensileTest:
         begin, end, _ = self._ends(which)
         rows = np.arange(begin, end + 1)
         if len(rows) < FEWEST:
+            kind = "unloading" if which == "last-unloading" else "loading"
             raise MeasurementError(
-                f"specimen {self.specimen!r}: the stretch has no branch {which!r}, or one of "
+                f"specimen {self.specimen!r}: the stretch has no branch of {kind}, or one of "
                 f"{len(rows)} points; at least {FEWEST} are needed. Take another branch: "
                 f"{', '.join(BRANCHES)}."
             )
