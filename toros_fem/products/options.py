@@ -26,8 +26,8 @@ class FitOptions(Table):
     )
     start: Annotated[str, OneOf(STARTS)] = key(
         "auto",
-        "what extension before the force rises is: slack of the strip, or the set of the fabric, by "
-        "which the gauge length grows; auto takes slack in a first loading, set in a later one",
+        "what extension before the force rises is: slack of the strip, or the set of the fabric, "
+        "by which the gauge length grows; auto takes slack in a first loading, set in a later one",
     )
     offset: Annotated[str, OneOf(OFFSETS)] = key(
         "ask", "what a force at a strain of 0 is: a preload, or that of an untared cell"

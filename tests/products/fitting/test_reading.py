@@ -98,7 +98,9 @@ FAULTS = {
     "no rows": ("strain,force [N]\n", 1, "no rows of numbers"),
     "no force": (f"strain,time\n{BODY}", 1, "no column holds the force"),
     "no stretch": (f"force [N],time\n{BODY}", 1, "no column holds the stretch"),
-    "twice": (f"strain,strain [%],load [N]\n{rows(STRAIN, STRAIN, FORCE)}", 1, "two columns hold the strain"),
+    "twice": (
+        f"strain,strain [%],load [N]\n{rows(STRAIN, STRAIN, FORCE)}", 1, "columns hold the strain"
+    ),
     "no unit": (f"strain,force\n{BODY}", 1, r"the column 'force' has no unit: write 'force \[N\]'"),
     "wrong unit": (f"strain,force [lb]\n{BODY}", 1, "'force' is in 'lb'; known are N, mN"),
     "misspelt": (f"strian,force [N]\n{BODY}", 1, "did you mean 'strain' by 'strian'"),
@@ -131,7 +133,7 @@ FAULTS = {
         1, "'lateral strain' has no unit beside one in %",
     ),
     "decimal comma": (
-        f'strain,force [N]\n{BODY}0.6,"1,037"\n', 8, "force = '1,037' is no .* a comma, .* semicolons"
+        f'strain,force [N]\n{BODY}0.6,"1,037"\n', 8, "'1,037' is no .* a comma, .* semicolons"
     ),
     "constant": ("strain,force [N]\n" + 6 * "0.1,1\n", 2, "the same at all points"),
     "no load": ("strain,force [N]\n" + rows(STRAIN, 0 * FORCE), 2, "all forces .* are 0"),

@@ -50,7 +50,9 @@ TITLES = {
     ],
     "german": ["Probenbreite b0: 25,0 mm", "Probendicke a0: 0,5 mm", "Messlänge L0 = 100 mm"],
     "brackets": ["Width (mm);25", "Thickness [mm];0.5", "Gauge length (in);3.937007874"],
-    "table": ["Name;Thickness;Width;Gauge_Length", "Units;mm;mm;mm", "1 _ 1;0.5;25.0;100.0", "1 _ 1"],
+    "table": [
+        "Name;Thickness;Width;Gauge_Length", "Units;mm;mm;mm", "1 _ 1;0.5;25.0;100.0", "1 _ 1",
+    ],
 }  # fmt: skip
 GIVEN = Given(THICKNESS, WIDTH, GAUGE)
 
@@ -114,7 +116,9 @@ def test_marks_between_thousands_and_at_line_ends(tmp_path: Path) -> None:
 
 def test_specimens_side_by_side_and_below(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    rows = [f"{k},{f:.9g},{100 * e:.9g}" for k, (e, f) in enumerate(zip(STRAIN, FORCE, strict=True))]
+    rows = [
+        f"{k},{f:.9g},{100 * e:.9g}" for k, (e, f) in enumerate(zip(STRAIN, FORCE, strict=True))
+    ]
     heads = ['"1 _ 1",,,"1 _ 2",,', "Time,Force,Stroke,Time,Force,Stroke", "sec,N,mm,sec,N,mm"]
     path.write_text("\n".join([*heads, *[f"{row},{row}" for row in rows]]))
     found = read_tensile_tests([path], GIVEN)

@@ -349,15 +349,15 @@ def columns_of(
         same = [kind for kind in choice if kind in seen]
         if not same and what != "lateral stretch":
             near = [
-                f"; did you mean {found[0]!r} by {shown(cell.strip())}?"
+                f"; did you mean {close[0]!r} by {shown(cell.strip())}?"
                 for cell in header
                 if (name := split_header(cell)[0]) and not _kind(name)
-                and (found := difflib.get_close_matches(name.lower(), KINDS, n=1, cutoff=0.8))
+                and (close := difflib.get_close_matches(name.lower(), KINDS, n=1, cutoff=0.8))
             ]  # fmt: skip
             raise ParameterError(
                 f"no column holds the {what}: one of {', '.join(choice)} is needed; the header has "
                 f"{_listed(header)}{near[0] if near else '.'} Rename the column, or tell which it "
-                f"is by option, --column \"{[*choice][-1 if what == 'stretch' else 1]}=NAME\"."
+                f'is by option, --column "{[*choice][-1 if what == "stretch" else 1]}=NAME".'
             )
         told = [kind for kind in same if kind in names]
         ready = [kind for kind in same if NEEDED.get(kind, kind) in known]

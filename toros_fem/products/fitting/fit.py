@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -25,7 +24,7 @@ from toros_fem.products.fitting.robust_fit import (
     remembered,
     robust_fit,
 )
-from toros_fem.products.fitting.samples import samples_of
+from toros_fem.products.fitting.samples import checked_tests, samples_of
 from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.fitting.uniaxial import tension
@@ -74,14 +73,6 @@ def fit_material(
     return fit.clamped(strip)
 
 
-def _checked(tests: Sequence[TensileTest]) -> Sequence[TensileTest]:
-    if not isinstance(tests, list | tuple) or not tests:
-        raise ParameterError("tests must be a list of at least one TensileTest.")
-    for test in tests:
-        require_kind("tests", test, TensileTest, "a list of TensileTest")
-    return tests
-
-
 def _thickness(tests: Sequence[TensileTest]) -> float:
     heights = [test.thickness for test in tests]
     thickness = float(np.mean(heights))
@@ -97,10 +88,9 @@ class _Fit:
     """The fit of some tests, by strips that narrow freely or between clamps."""
 
     def __init__(self, tests: Sequence[TensileTest], options: FitOptions) -> None:
-        begun = [from_rest(test, options) for test in _checked(tests)]
+        begun = [from_rest(test, options) for test in checked_tests(tests)]
         tests, self.spreads = [one.test for one in begun], [one.spread for one in begun]
-        # Of each test the branch is there already.
-        self.options, self.samples = options, samples_of(tests, replace(options, branch="all"))
+        self.options, self.samples = options, samples_of(tests, options, whole=True)
         self.remarks = [text for test in tests for text in test.remarks]
         self.doubts = [text for test in tests for text in test.doubts]
         self.scales, self.thickness = scales_of(self.samples), _thickness(tests)

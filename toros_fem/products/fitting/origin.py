@@ -7,12 +7,13 @@ times its own part of the largest strain, while R² stays good.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import MeasurementError
 from toros_fem.products.fitting.parameters import LARGEST_POISSON, NEAREST, lame
 from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
@@ -186,8 +187,8 @@ def _moved(test: TensileTest, at: float, longer: bool) -> TensileTest:
         x = test.stretch - 1
         near = np.argsort(np.abs(x - at), kind="stable")[: max(FEWEST, len(x) // 10)]
         line = np.polyfit(x[near], lateral[near], 1)
-        lateral = lateral / float(np.polyval(line, max(at, float(x.min()))))
-    return replace(test, stretch=test.stretch / (1 + at), lateral=lateral)
+        lateral = np.asarray(lateral / float(np.polyval(line, max(at, float(x.min())))))
+    return replace(test, stretch=np.asarray(test.stretch / (1 + at)), lateral=lateral)
 
 
 def _without_idle(
@@ -254,16 +255,16 @@ def _without_idle(
         )
         return Begun(_with(test, said, doubts), abs(at_zero))
     # A curve that is steeper at first than the model is no offset where its force begins at 0.
-    if found.missed or found.strain < 0 and found.sure():
+    if found.missed or (found.strain < 0 and found.sure()):
         return Begun(_with(test, said, doubts), 0.0)
     if not found.sure() or abs(found.strain) < DOUBT * reach:
-        hidden = abs(found.strain) if found.sure(HIDDEN) and not found.missed else 0.0
-        return Begun(_with(test, said, doubts), hidden)
-    percent = f"{100 * found.strain:.2g} %"
+        wider = abs(found.strain) if found.sure(HIDDEN) and not found.missed else 0.0
+        return Begun(_with(test, said, doubts), wider)
+    words = f"{100 * found.strain:.2g} %"
     if found.strain < float(x.min()) * 1.5 and options.start != "none":
         longer = options.start == "set" or (options.start == "auto" and later)
-        said.append(f"it begins at a strain of {100 * x.min():.3g} %, and its force at {percent}.")
-        doubts.append(f"its rest was not recorded; its curve tells a strain of {percent}.")
+        said.append(f"it begins at a strain of {100 * x.min():.3g} %, and its force at {words}.")
+        doubts.append(f"its rest was not recorded; its curve tells a strain of {words}.")
         return Begun(_with(_moved(test, found.strain, longer), said, doubts), found.error)
     doubts.append(_toe(found))
     return Begun(_with(test, said, doubts), found.strain)
@@ -274,6 +275,10 @@ def _toe(found: _Shift) -> str:
         f"it has a toe: the rest of its curve begins at a strain of {100 * found.strain:.2g} %, "
         "not at 0, which changes E h by more."
     )
+
+
+def _means(values: Floats, parts: Sequence[Ints]) -> Floats:
+    return np.array([values[part].mean() for part in parts], dtype=np.float64)
 
 
 def _slope(x: Floats, y: Floats) -> tuple[float, float]:
@@ -293,9 +298,9 @@ def _start(test: TensileTest) -> _Start:
     high = np.flatnonzero(stress > low + RISE * (stress.max() - low))
     end = max(int(high[0]) if len(high) else len(x), min(LEAST, len(x)))
     parts = np.array_split(np.arange(end), min(end, MOST))
-    x, stress = (np.array([values[part].mean() for part in parts]) for values in (x, stress))
+    x, stress = _means(x, parts), _means(stress, parts)
     unit, span = max(float(np.ptp(stress)), 1e-300), max(float(np.ptp(x)), 1e-300)
-    y, n = stress / unit, len(x)
+    y, n = np.asarray(stress / unit), len(x)
 
     def cubic(u: Floats, level: bool = True) -> Floats:
         ones = [np.ones_like(u)] if level else []
@@ -305,7 +310,7 @@ def _start(test: TensileTest) -> _Start:
         design = cubic(np.maximum(x - at, 0.0) / span)
         return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) ** 2))
 
-    plain = cubic(x / span)
+    plain = cubic(np.asarray(x / span))
     found = np.linalg.lstsq(plain, y, rcond=None)[0]
     without = float(np.sum((y - plain @ found) ** 2))
     grid = np.linspace(x[0], x[0] + 0.9 * span, 90)
@@ -372,7 +377,7 @@ def _fitted(x: Floats, stress: Floats, *, strain: bool = True, level: bool = Fal
     """
     order = np.argsort(x, kind="stable")
     parts = np.array_split(order, min(len(order), MOST))
-    x, stress = (np.array([values[part].mean() for part in parts]) for values in (x, stress))
+    x, stress = _means(x, parts), _means(stress, parts)
     reach, top = float(x.max()), float(np.abs(stress).max())
     asked = np.array([True] * 4 + [strain, level])
 

@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -98,8 +99,8 @@ def read_tensile_tests(
     lateral stretch, lateral strain or current width; specimen and direction where a file holds
     several. Names are also those of Bluehill, Trapezium, testXpert and walter+bai. Other columns
     are left out. Units stand in brackets, "force [N]", or in a row below. Lines before the header,
-    "# width = 25 mm" or "Width;25;mm", hold for the whole file, as do lengths given here. Separator,
-    decimal mark and encoding are found.
+    "# width = 25 mm" or "Width;25;mm", hold for the whole file, as do lengths given here.
+    Separator, decimal mark and encoding are found.
 
     Args:
         paths: Files.
@@ -149,7 +150,9 @@ def _tests(path: Path, given: Given) -> list[TensileTest]:
     tables = list(_tables(path, given))
     for number, table in enumerate(tables, start=1):
         name = path.stem if len(tables) == 1 else f"{path.stem} {number}"
-        found += _tests_of(table._replace(once={"specimen": name, "direction": "", **table.once}), given)
+        found += _tests_of(
+            table._replace(once={"specimen": name, "direction": "", **table.once}), given
+        )
     return found
 
 
@@ -257,7 +260,7 @@ def _likely_header(lines: Mapping[int, str], marks: str) -> tuple[int, str]:
     """Return the line above the first numbers, of which something will be said."""
     table = [k for k in lines if not lines[k].lstrip().startswith("#")]
     mark = next((one for one in marks if one in lines[table[0]]), marks[-1])
-    for above, k in zip(table, table[1:], strict=False):
+    for above, k in pairwise(table):
         for one in marks:
             if len(_numbers(_try_cells(lines[k], one))) > 1:
                 row = _try_cells(lines[above], one)

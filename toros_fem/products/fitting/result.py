@@ -36,7 +36,7 @@ CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(
 MISFIT, FLOOR = 0.1, 0.3
 # Parts of the range of stretch that the misfit is looked at in.
 PARTS = 12
-# A fit is in doubt below this R² of the stress, and where stresses of specimens differ by this part.
+# A fit is in doubt below this R² of the stress, or where stresses of specimens differ by this part
 LEAST_R2, SCATTER = 0.95, 0.25
 # An interval of Poisson's ratio that is this wide tells nothing.
 WIDE_POISSON = 0.35
