@@ -157,11 +157,11 @@ def test_whole_tests_are_taken_as_they_are() -> None:
 
 
 def test_bad_fits_and_unlike_specimens_are_doubted() -> None:
-    strain = np.linspace(0, 0.75, 100)
+    strain: np.ndarray = np.linspace(0, 0.75, 100)
     wave = fitted(strain, law(strain) + 40 * np.sin(30 * strain), start="none")
     assert any("R² of the stress" in text for text in wave.doubted)
     tests = [
-        TensileTest(1 + strain, k * law(strain), JERSEY.thickness, specimen=str(k))
+        TensileTest(1 + strain, np.asarray(k * law(strain)), JERSEY.thickness, specimen=str(k))
         for k in (1.0, 1.5)
     ]
     apart = fit_material(tests, FitOptions(intervals="hessian"))

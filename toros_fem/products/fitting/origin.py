@@ -43,6 +43,8 @@ SMALL = 2e-3
 NEAR = 0.6
 # The beginning is a cubic polynomial within this part of its strains.
 CUBIC = 5e-3
+# A level that it tells is as good as this part of the largest stress.
+EXACT_LEVEL = 4e-4
 # An estimate differs from 0 if it is this many standard errors away.
 SURE = 3.0
 # A test is refused only if it is as many away.
@@ -229,13 +231,15 @@ def _without_idle(
     negative = sure and at_zero < -REFUSE * reach and float(x.min()) < -0.5 * at_zero
     if options.offset == "untared" or (negative and options.offset == "ask"):
         shift = _fitted(x, stress, strain=False, level=True)
-        said.append(
-            f"a force of {shift.level:.3g} N/m over the width was taken off: an untared cell."
-        )
+        # Where the model misses the first points, they tell it better.
+        first = float(np.hypot(start.level_error, EXACT_LEVEL * top))
+        better = first < abs(shift.level - start.level)
+        level, error = (start.level, first) if better else (shift.level, shift.error)
+        said.append(f"a force of {level:.3g} N/m over the width was taken off: an untared cell.")
         if options.offset == "ask":
             doubts.append("its force is negative at first, as of a cell that was not tared.")
-        tared = replace(test, stress=stress - shift.level)
-        return Begun(_with(tared, said, doubts), shift.error / slope)
+        tared = replace(test, stress=np.asarray(stress - level))
+        return Begun(_with(tared, said, doubts), error / slope)
     if options.offset == "preload":
         near = x <= NEAR * reach
         close = _fitted(x[near], stress[near])
