@@ -396,7 +396,7 @@ def _fitted(x: Floats, stress: Floats, *, strain: bool = True, level: bool = Fal
 
     guess, least = np.log(top / reach), 0.0 if level else -0.5
     low = np.array([guess - 9, -1e-9, 1e-2, 1e-2, least - 1e-9, -0.5])[asked]
-    high = np.array([guess + 9, LARGEST_POISSON, NEAREST**-2, 4.0, 0.5, 0.5])[asked]
+    high = np.array([guess + 9, LARGEST_POISSON, NEAREST**-2, NEAREST**-2, 0.5, 0.5])[asked]
     tried = [
         least_squares(
             lambda theta: (model(theta) - stress / top) / 0.01,
