@@ -204,7 +204,9 @@ def _without_idle(
         return Begun(_with(test, said, doubts), 0.0)
     found, idle = _fitted(x, stress), _fitted(x, stress, level=True)
     flat = x < idle.strain
-    likely = found.strain > 0 or idle.variance * (1 + 4 / len(x)) < found.variance
+    # Idle points tell more than noise: without a level too, or by what they explain.
+    likely = found.strain > 0 and found.sure(HIDDEN)
+    likely |= idle.variance * (1 + CLEAR / len(x)) < found.variance
     if likely and idle.sure() and not idle.missed and flat.sum() >= FEWEST_IDLE:
         slope, error = _slope(x[flat], stress[flat]) if flat.sum() > 2 else (0.0, 0.0)
         after = float(stress[~flat].mean() - idle.level) / float(x[~flat].mean() - idle.strain)
@@ -228,7 +230,11 @@ def _without_idle(
             "which: --offset preload keeps the force and finds the length without it; --offset "
             "untared takes the force off."
         )
-    negative = sure and at_zero < -REFUSE * reach and float(x.min()) < -0.5 * at_zero
+    negative = (
+        -start.level > CERTAIN * start.level_error
+        and at_zero < -REFUSE * reach
+        and float(x.min()) < -0.5 * at_zero
+    )
     if options.offset == "untared" or (negative and options.offset == "ask"):
         shift = _fitted(x, stress, strain=False, level=True)
         # Where the model misses the first points, they tell it better.
