@@ -12,6 +12,9 @@ from toros_fem.base.keys import In, Number, OneOf, Stretch, Table, key
 BRANCHES = ("last-loading", "first-loading", "last-unloading", "all")
 LOSSES = {"soft-l1": "soft_l1", "huber": "huber", "squares": "linear"}
 INTERVALS = ("bootstrap", "hessian")
+# What extension without force is, and force without extension.
+STARTS = ("auto", "slack", "set", "none")
+OFFSETS = ("ask", "preload", "untared")
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,14 @@ class FitOptions(Table):
 
     branch: Annotated[str, OneOf(BRANCHES)] = key(
         "last-loading", "branch of the load cycles that is fitted"
+    )
+    start: Annotated[str, OneOf(STARTS)] = key(
+        "auto",
+        "what extension before the force rises is: slack of the strip, or the set of the fabric, "
+        "by which the gauge length grows; auto takes slack in a first loading, set in a later one",
+    )
+    offset: Annotated[str, OneOf(OFFSETS)] = key(
+        "ask", "what a force at a strain of 0 is: a preload, or that of an untared cell"
     )
     up_to: Stretch | None = key(None, "largest stretch that is fitted; none takes all")
     loss: Annotated[str, OneOf(tuple(LOSSES))] = key(

@@ -47,6 +47,26 @@ def test_entry_of_a_library(alone: MPI.Comm, tmp_path: Path) -> None:
     assert "young" not in str(found.note), "it is identified"
 
 
+def test_a_doubtful_entry_says_so(
+    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A preload is refused until it is told; a fraction under % is in doubt until it is told."""
+    data, library = ROOT / "tests" / "data" / "tensile", tmp_path / "mine.toml"
+    words = ["--thickness", "0.5 mm", "--output", str(tmp_path / "fit"), *FAST]
+    words += ["--name", "a", "--library", str(library)]
+    assert run(alone, ["fit", str(data / "preload.csv"), *words]) == 2
+    assert "--offset preload" in capsys.readouterr().err
+    assert not library.exists()
+    path = str(data / "strain_fraction_as_pct.csv")
+    assert run(alone, ["fit", path, *words]) == 0
+    assert 'marked as "doubted"' in capsys.readouterr().out
+    assert read_library(library)["a"].trust == "doubted"
+    assert run(alone, ["fit", path, *words, "--unit", "strain=1"]) == 0
+    assert read_library(library)["a"].trust == "measured"
+    assert run(alone, ["fit", path, *words, "--column", "force=lateral"]) == 2
+    assert "no column is named 'lateral'" in capsys.readouterr().err
+
+
 def test_clamped_strip(alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its clamps are as far apart as the gauge length, and it is as wide as is said."""
     strips = []
@@ -98,6 +118,7 @@ def test_moduli_of_a_printed_sheet(
         (("--thickness", "3 mm", "--clamped", "--width", "1 cm"), "--clamped needs"),
         (("--thickness", "3 mm", "--unit", "force"), "must be COLUMN=UNIT"),
         (("--thickness", "3 mm", "--unit", "force=lb"), "known are N"),
+        (("--thickness", "3 mm", "--column", "time=t"), "must be COLUMN=NAME"),
         (("--thickness", "3 mm", "--loss", "none"), "must be one of"),
         ((), "line 3: the thickness is not known"),
     ],

@@ -94,7 +94,13 @@ def at(path: Path, line: int | None) -> str:
     return f"{path}" if line is None else f"{path}, line {line}"
 
 
-def read_text(path: Path, what: str, failure: type[FileKeyError], size: str = "keys") -> str:
+def read_text(
+    path: Path,
+    what: str,
+    failure: type[FileKeyError],
+    size: str = "keys",
+    decoded: Callable[[bytes], str] = lambda content: content.decode("utf-8-sig"),
+) -> str:
     """Return the text of a file: `what`, "a scene file" for instance, of a size in `MOST_BYTES`.
 
     Raises:
@@ -110,7 +116,7 @@ def read_text(path: Path, what: str, failure: type[FileKeyError], size: str = "k
         advice = "Check the path" if isinstance(caught, OSError) else f"It is not {what}"
         raise failure(f"{path} cannot be read: {caught}. {advice}.", path) from None
     try:
-        return content.decode("utf-8-sig").replace("\r\n", "\n")
+        return decoded(content).replace("\r\n", "\n")
     except UnicodeDecodeError as caught:
         line = content.count(b"\n", 0, caught.start) + 1
         message = f"{at(path, line)}: no UTF-8 text. Save it as UTF-8."

@@ -62,6 +62,11 @@ class _Unsaid(Table):
     unit: tuple[str, ...] = key(
         (), "unit of a column, 'force=N', as often as needed; none: that in the header"
     )
+    column: tuple[str, ...] = key(
+        (),
+        "name of a column by what it holds, 'force=Channel 3', as often as needed; none: by the "
+        "known names",
+    )
     clamped: bool = key(
         False,
         "simulate the strip between its clamps, which hold its width: the stretch is that of their "
@@ -75,7 +80,8 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
 
     CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), with 95 %
     intervals. The header names the columns with their units: 'strain [%]', 'force [N]',
-    'lateral strain [%]'. The folder gets fit.txt, fit.json, fit.csv and fit.png.
+    'lateral strain [%]'; tables of test machines are read as they are. Slack, set and break
+    are left out, and told. The folder gets fit.txt, fit.json, fit.csv and fit.png.
     With a name and a file of materials, scenes can take the material by its name.
     """
 
@@ -85,6 +91,7 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
     WORDS: ClassVar = ("data",)
     TAKES: ClassVar = {
         "unit": "COLUMN=UNIT",
+        "column": "COLUMN=NAME",
         "library": "FILE",
         "kind": "KIND",
         "output": "FOLDER",
@@ -101,6 +108,7 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Fit, and write the report and the entry (collective)."""
         from toros_fem.products.fitting.report import fit_table, write_fit
+        from toros_fem.products.fitting.result import FitResult
 
         if (self.name is None) != (self.library is None):
             raise UsageError("--name and --library belong together: give both, or none.")
@@ -109,6 +117,8 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
         text = f"{fit_table(result)}\nsee {self.output}/"
         if self.name is not None:
             text += f"; {self.name} is in {self.library}"
+            if isinstance(result, FitResult) and result.doubted:
+                text += ', marked as "doubted"'
         entry = {"library": self.library} if self.tile is None else {}
         return Answer(text, {"folder": self.output, **entry, **result.summary()})
 
@@ -149,19 +159,14 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
 
     def _tests(self, thickness: float | None = None) -> list[TensileTest]:
         """Return the tests along the direction (one rank)."""
-        from toros_fem.products.fitting.columns import UNITS
+        from toros_fem.products.fitting.columns import UNITS, WORDS
         from toros_fem.products.fitting.reading import Given, read_tensile_tests
 
-        units = {}
-        for text in self.unit:
-            column, equals, unit = text.partition("=")
-            column = " ".join(column.replace("-", " ").lower().split())
-            if not equals or column not in UNITS:
-                raise UsageError(
-                    f"--unit {text!r} must be COLUMN=UNIT, with a column of {', '.join(UNITS)}."
-                )
-            units[column] = unit.strip()
-        given = Given(self.thickness or thickness, self.width, self.gauge_length, units=units)
+        units = _pairs("unit", self.unit, tuple(UNITS))
+        columns = _pairs("column", self.column, (*UNITS, *WORDS))
+        given = Given(
+            self.thickness or thickness, self.width, self.gauge_length, units=units, columns=columns
+        )
         tests = read_tensile_tests(self.data, given)
         if self.direction is None:
             return tests
@@ -171,3 +176,18 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
             known = ", ".join(sorted({repr(test.direction) for test in tests}))
             raise UsageError(f"--direction {wanted!r}: the tests have the directions {known}.")
         return [replace(test, direction=wanted) for test in chosen]
+
+
+def _pairs(option: str, texts: tuple[str, ...], known: tuple[str, ...]) -> dict[str, str]:
+    """Return what an option says of columns, by what they hold."""
+    found = {}
+    for text in texts:
+        column, equals, said = text.partition("=")
+        column = " ".join(column.replace("-", " ").lower().split())
+        if not equals or column not in known:
+            raise UsageError(
+                f"--{option} {text!r} must be COLUMN={option.upper().replace('COLUMN', 'NAME')}, "
+                f"with a column of {', '.join(known)}."
+            )
+        found[column] = said.strip()
+    return found

@@ -17,6 +17,7 @@ MATERIAL_KINDS = ("fabric", "print", "rubber")
 TRUSTS: Mapping[str, str] = MappingProxyType(
     {
         "measured": "from a test of this material, whose data the source has",
+        "doubted": "from a test whose origin, fit or scatter may move the values; see its note",
         "data sheet": "from the maker's data sheet",
         "calibrated": "chosen so that simulations agree with what is published of whole actuators",
         "estimate": "derived from other data, or assumed; the source says how",

@@ -13,10 +13,18 @@ from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Material
 from toros_fem.products.fitting.intervals import bootstrap_draws, hessian_draws
+from toros_fem.products.fitting.origin import from_rest
 from toros_fem.products.fitting.parameters import scales_of
 from toros_fem.products.fitting.result import FitResult, estimates_of
-from toros_fem.products.fitting.robust_fit import Model, Problem, Solution, remembered, robust_fit
-from toros_fem.products.fitting.samples import samples_of
+from toros_fem.products.fitting.robust_fit import (
+    Model,
+    Problem,
+    Solution,
+    minimise,
+    remembered,
+    robust_fit,
+)
+from toros_fem.products.fitting.samples import checked_tests, samples_of
 from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.fitting.uniaxial import tension
@@ -80,11 +88,16 @@ class _Fit:
     """The fit of some tests, by strips that narrow freely or between clamps."""
 
     def __init__(self, tests: Sequence[TensileTest], options: FitOptions) -> None:
-        self.options, self.samples = options, samples_of(tests, options)
+        begun = [from_rest(test, options) for test in checked_tests(tests)]
+        tests, self.spreads = [one.test for one in begun], [one.spread for one in begun]
+        self.options, self.samples = options, samples_of(tests, options, whole=True)
+        self.remarks = [text for test in tests for text in test.remarks]
+        self.doubts = [text for test in tests for text in test.doubts]
         self.scales, self.thickness = scales_of(self.samples), _thickness(tests)
         courses = self.samples.along(self.scales.stiff)
         coefficients = partial(self.scales.coefficients, course=courses)
-        self.free = remembered(partial(tension, self.samples.strain, coefficients))
+        self._tension = partial(tension, coefficients=coefficients)
+        self.free = remembered(partial(self._at, self.samples.strain))
 
     def problem(self, curve: Model) -> Problem:
         """Return the fit of a model curve to the tests."""
@@ -135,6 +148,7 @@ class _Fit:
             drawn = bootstrap_draws(problem, solution, self.samples, options.draws, options.seed)
         else:
             drawn = hessian_draws(problem, solution, max(options.draws, 4000), options.seed)
+        drawn = np.clip(drawn + self._moved(solution, len(drawn)), *scales.bounds)
         (stress, lateral), _ = curve(solution.theta)
         far, near = (scales.values(end, self.thickness) for end in scales.bounds)
         return FitResult(
@@ -150,4 +164,22 @@ class _Fit:
             thickness=self.thickness,
             stiff=scales.stiff,
             rounds=rounds,
+            taken=self.remarks,
+            doubts=self.doubts,
         )
+
+    def _moved(self, solution: Solution, draws: int) -> Floats:
+        """Return by how much parameters move with the origins of the tests, (draws, p)."""
+        rng, found = np.random.default_rng(self.options.seed + 1), np.zeros(len(solution.theta))
+        moved = np.tile(found, (draws, 1))
+        for number, spread in enumerate(self.spreads):
+            if spread > 1e-5 * self.scales.strain:
+                by = np.where(self.samples.test == number, spread, 0.0)
+                strain = np.maximum(self.samples.strain - by, 1e-9)
+                curve = remembered(partial(self._at, strain))
+                theta, _ = minimise(self.problem(curve), solution.theta, solution.sigma)
+                moved += np.outer(rng.standard_normal(draws), theta - solution.theta)
+        return moved
+
+    def _at(self, strain: Floats, theta: Floats) -> tuple[Floats, Floats]:
+        return self._tension(strain, theta=theta)

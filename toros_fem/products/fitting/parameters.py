@@ -73,7 +73,7 @@ class Scales:
     def coefficients(self, theta: Any, course: Bools) -> Coefficients:
         """Return the coefficients of eq. (1), in N/m, of pulls along and across the courses."""
         young, poisson = np.exp(theta[0]), theta[1]
-        mu, lam = _lame(young, poisson)
+        mu, lam = lame(young, poisson)
         a, b = theta[2] / self.strain**2, theta[3] / self.z**2
         if self.stiff is None:
             return Coefficients(mu, lam, a, b)
@@ -83,7 +83,7 @@ class Scales:
     def values(self, theta: Floats, thickness: float) -> dict[str, Any]:
         """Return all material constants by their names, in SI units, each as an entry of theta."""
         young, poisson = np.exp(theta[0]) / thickness, theta[1]
-        mu, lam = _lame(young, poisson)
+        mu, lam = lame(young, poisson)
         found = {
             "young": young,
             "poisson": poisson,
@@ -95,7 +95,7 @@ class Scales:
         return found if self.stiff is None else {**found, "knit_ratio": np.exp(theta[4])}
 
 
-def _lame(young: Any, poisson: Any) -> tuple[Any, Any]:
+def lame(young: Any, poisson: Any) -> tuple[Any, Any]:
     """Return Lamé's parameters of plane stress, as of `Material`; of complex numbers too."""
     return young / (2 * (1 + poisson)), young * poisson / (1 - poisson**2)
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import MeasurementError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
 from toros_fem.base.mpi import collective
-from toros_fem.materials.library.material import LibraryMaterial
+from toros_fem.materials.library.material import LENGTHS, LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
 
 COLOURS = ("#1F3A5F", "#D55E00", "#0072B2", "#6B7280")
@@ -139,9 +139,11 @@ def library_entry(
             "fewer data by --up-to, or one direction by --direction."
         )
     unknown = [name for name, one in result.estimates.items() if not one.identified]
-    notes = [f"not identified: {', '.join(unknown)}"] if unknown else []
+    notes = [f"doubted: {text}" for text in result.doubted]
+    notes += [f"not identified: {', '.join(unknown)}"] if unknown else []
     tested = f"{len(result.specimens)} tensile tests: {', '.join(result.specimens)}"
     sheet = result.material
+    note = "; ".join([_quality(result, "none measured"), *notes])
     return LibraryMaterial(
         name=name,
         kind=kind,
@@ -150,7 +152,7 @@ def library_entry(
         knit_ratio=None if result.knit is None else result.knit.ratio,
         stretch_range=(1.0, result.trusted_to),
         source=source or (tested if len(tested) < 200 else f"{tested[:199]}…"),
-        trust="measured",
+        trust="doubted" if result.doubted else "measured",
         with_fabric=with_fabric,
-        note="; ".join([*notes, _quality(result, "none measured")]),
+        note=note if len(note) <= LENGTHS["note"] else f"{note[: LENGTHS['note'] - 1]}…",
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -36,6 +36,8 @@ CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(
 MISFIT, FLOOR = 0.1, 0.3
 # Parts of the range of stretch that the misfit is looked at in.
 PARTS = 12
+# A fit is in doubt below this R² of the stress, or where stresses of specimens differ by this part
+LEAST_R2, SCATTER = 0.95, 0.25
 # An interval of Poisson's ratio that is this wide tells nothing.
 WIDE_POISSON = 0.35
 
@@ -172,11 +174,38 @@ class FitResult(Fit):
         thickness: In m; stresses are per width, so that only E h is measured.
         stiff: Direction of the courses of `knit`, the stiffer of two; None of one direction.
         rounds: Rounds of simulations of the clamped strip; 0 without.
+        taken: What was taken for granted of files and tests, as sentences.
+        doubts: What of it moves the values.
     """
 
     thickness: float
     stiff: str | None = None
     rounds: int = 0
+    taken: Sequence[str] = ()
+    doubts: Sequence[str] = ()
+
+    @property
+    def doubted(self) -> list[str]:
+        """Why the values are in doubt, as sentences; none if they are as good as measured."""
+        found = list(self.doubts)
+        if self.r2_stress < LEAST_R2:
+            found.append(f"R² of the stress is {self.r2_stress:.3g}, below {LEAST_R2}.")
+        samples = self.samples
+        for name in dict.fromkeys(samples.direction):
+            rows = samples.along(name)
+            tests = np.unique(samples.test[rows])
+            common = min(samples.strain[samples.test == k].max() for k in tests)
+            found_of = []
+            for k in tests:
+                own = (samples.test == k) & (samples.strain <= common)
+                fitted = self.stress[own]
+                found_of.append(float(samples.stress[own] @ fitted) / float(fitted @ fitted))
+            if np.ptp(found_of) > SCATTER * np.mean(found_of):
+                found.append(
+                    f"the specimens {f'along {name!r} ' if name else ''}differ by "
+                    f"{np.ptp(found_of) / np.mean(found_of):.0%} in stress."
+                )
+        return found
 
     @property
     def material(self) -> Material:
@@ -212,7 +241,8 @@ class FitResult(Fit):
             found.append(
                 "No lateral stretch was measured: poisson and c2 follow from the stress alone."
             )
-        return found + super().remarks
+        doubts = [f"In doubt: {text}" for text in self.doubted]
+        return [*self.taken, *doubts, *found, *super().remarks]
 
     @property
     def sizes(self) -> list[str]:
@@ -228,6 +258,7 @@ class FitResult(Fit):
             "membrane_stiffness_n_per_m": self.material.membrane_stiffness,
             "stiff_direction": self.stiff,
             "clamp_rounds": self.rounds,
+            "doubts": self.doubted,
         }
 
 

@@ -65,18 +65,30 @@ class Samples:
         return Problem(model, measured, entries // count, bounds, loss)
 
 
-def samples_of(tests: Sequence[TensileTest], options: FitOptions) -> Samples:
+def checked_tests(tests: Sequence[TensileTest]) -> Sequence[TensileTest]:
+    """Return a list of tests, or a ParameterError that it is none."""
+    if not isinstance(tests, list | tuple) or not tests:
+        raise ParameterError("tests must be a list of at least one TensileTest.")
+    for test in tests:
+        require_kind("tests", test, TensileTest, "a list of TensileTest")
+    return tests
+
+
+def samples_of(
+    tests: Sequence[TensileTest], options: FitOptions, *, whole: bool = False
+) -> Samples:
     """Return the points that are fitted: one branch, thinned out evenly over the stretch.
+
+    `whole` says that the tests are that branch already.
 
     Raises:
         ParameterError: There is no list of tests.
         MeasurementError: A test has too few points above a stretch of 1.
     """
-    if not isinstance(tests, list | tuple) or not tests:
-        raise ParameterError("tests must be a list of at least one TensileTest.")
-    for test in tests:
-        require_kind("tests", test, TensileTest, "a list of TensileTest")
-    curves = [_thinned(test, options) for test in tests]
+    tests = checked_tests(tests)
+    curves = [
+        _thinned(test, test if whole else test.branch(options.branch), options) for test in tests
+    ]
     stretch, stress, lateral = np.hstack(curves)
     return Samples(
         stretch - 1,
@@ -88,9 +100,8 @@ def samples_of(tests: Sequence[TensileTest], options: FitOptions) -> Samples:
     )
 
 
-def _thinned(test: TensileTest, options: FitOptions) -> Floats:
-    """Return the curve of a test as it is fitted, (3, n)."""
-    branch = test.branch(options.branch)
+def _thinned(test: TensileTest, branch: TensileTest, options: FitOptions) -> Floats:
+    """Return the curve of a branch of a test as it is fitted, (3, n)."""
     top = np.inf if options.up_to is None else options.up_to
     rows = np.flatnonzero((branch.stretch > 1) & (branch.stretch <= top))
     if len(rows) < FEWEST:

@@ -29,6 +29,7 @@ class TensileTest:
         lateral: Lateral stretch, (n,); None where it was not measured.
         specimen: Name of the specimen.
         direction: Direction of the pull: "course", "wale", or any other name.
+        remarks, doubts: What was taken for granted of it, as sentences; doubts move the values.
 
     Raises:
         ParameterError: The arrays differ in length, are not finite, or have fewer than 5 points; a
@@ -42,6 +43,8 @@ class TensileTest:
     lateral: Floats | None = None
     specimen: str = "1"
     direction: str = ""
+    remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require_positive(thickness=self.thickness)
@@ -80,6 +83,10 @@ class TensileTest:
         lateral = None if self.lateral is None else self.lateral[rows]
         return replace(self, stretch=self.stretch[rows], stress=self.stress[rows], lateral=lateral)
 
+    def begins(self, which: str) -> int:
+        """Return the number of branches before one of `BRANCHES`; 0 of all."""
+        return 0 if which == "all" else self._ends(which)[2]
+
     def branch(self, which: str) -> TensileTest:
         """Return the points of one of `BRANCHES` of the load cycles; "all" takes every point.
 
@@ -89,21 +96,26 @@ class TensileTest:
         require_choice("branch", which, BRANCHES)
         if which == "all":
             return self
-        kind = "unloading" if which == "last-unloading" else "loading"
-        found = [
-            (begin, end)
-            for begin, end in _branches(self.stretch)
-            if (self.stretch[end] > self.stretch[begin]) == (kind == "loading")
-        ]
-        begin, end = (found or [(0, -1)])[0 if which == "first-loading" else -1]
+        begin, end, _ = self._ends(which)
         rows = np.arange(begin, end + 1)
         if len(rows) < FEWEST:
+            kind = "unloading" if which == "last-unloading" else "loading"
             raise MeasurementError(
                 f"specimen {self.specimen!r}: the stretch has no branch of {kind}, or one of "
                 f"{len(rows)} points; at least {FEWEST} are needed. Take another branch: "
                 f"{', '.join(BRANCHES)}."
             )
         return self.taken(rows)
+
+    def _ends(self, which: str) -> tuple[int, int, int]:
+        """Return first and last point of a branch, and its number; no points if it is missing."""
+        kind = "unloading" if which == "last-unloading" else "loading"
+        found = [
+            (begin, end, number)
+            for number, (begin, end) in enumerate(_branches(self.stretch))
+            if (self.stretch[end] > self.stretch[begin]) == (kind == "loading")
+        ]
+        return (found or [(0, -1, 0)])[0 if which == "first-loading" else -1]
 
 
 def _branches(stretch: Floats) -> list[tuple[int, int]]:
