@@ -380,9 +380,10 @@ class Designer(Distributed, DensityDesigner):
     ) -> tuple[ActuatorResult, Evaluation[Equilibrium]] | None:
         """Return a design that went on towards what its print misses on a finer mesh.
 
-        With it comes its print on that mesh. None if that is no better, or if lines were laid.
+        With it comes its print on that mesh. None if that is no better. Designs of lines have fine
+        prints, and corrections of their own.
         """
-        if found.search.laid:
+        if found.search.lines is not None:
             return None
         kept: list[tuple[PrintedDesign, PrintedDesign]] = []
         ratio, level = finer
