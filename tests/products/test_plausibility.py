@@ -199,6 +199,25 @@ def test_check_tells_doubts_and_refuses_with_line(
 
 
 @pytest.mark.parametrize(
+    ("table", "line"), [("material", 'fabric_young = "0.1 Pa"'), ("pressure", 'pressure = "1 GPa"')]
+)
+def test_a_simulation_refuses_what_a_design_refuses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], table: str, line: str
+) -> None:
+    """Before a folder is made; a target that nobody gave is no reason."""
+    path, output = tmp_path / "a.toml", tmp_path / "out"
+    path.write_text(f'kind = "bend"\n[{table}]\n{line}\n', encoding="utf-8")
+    assert run(MPI.COMM_SELF, ["simulate", str(path), "--output", str(output)]) == 2
+    told = capsys.readouterr().err
+    assert str(path) in told
+    assert ": pressure: " in told
+    assert not output.exists()
+    short = KINDS["bend"].of(length=0.05)
+    assert any("angle" in one for one in doubts(short))
+    assert not any("angle" in one for one in doubts(short, simulated=True))
+
+
+@pytest.mark.parametrize(
     "line",
     [
         'island_area = "5000 cm2"',

@@ -192,6 +192,8 @@ RANGES: Mapping[str, Range] = {
         "Is the mass in kg? If so, take another object, or wider fingers with more pressure.",
     ),
 }  # fmt: skip
+# Groups that count without a target and a design.
+SIMULATED = ("thickness", "contrast", "bladder", "stretch", "bounds", "knit", "load", "size")
 
 
 @dataclass(frozen=True)
@@ -284,20 +286,22 @@ def with_lengths(scene: Scene, size: float, groups: Iterable[Group]) -> Iterator
             yield Group("length", name, abs(value) / size)
 
 
-def doubts(scene: Scene) -> list[str]:
+def doubts(scene: Scene, simulated: bool = False) -> list[str]:
     """Return what is doubtful about a scene, a sentence or two each.
 
-    A value that does not count is doubtful too.
+    A value that does not count is doubtful too. Of a scene that is only simulated, sheets and
+    pressures count: its target may be nobody's, and its pattern is given.
 
     Raises:
         ParameterError: A group is impossible.
     """
     found = []
     for group in scene.groups():
-        group.require_possible()
-        if group.doubt is not None:
-            found.append(group.doubt)
-    return [*found, *_idle(scene)]
+        if not simulated or group.name in SIMULATED:
+            group.require_possible()
+            if group.doubt is not None:
+                found.append(group.doubt)
+    return found if simulated else [*found, *_idle(scene)]
 
 
 def warn_of_doubts(comm: MPI.Comm, scene: Scene) -> None:

@@ -73,9 +73,11 @@ def run_scene(
     on_first_rank(comm, lambda: _require_apart(folder, files))
     inputs = on_first_rank(comm, lambda: inputs_of(scene, name))
     text = scene_text(scene.config, files, scene.materials)
-    if name == "design":  # what is impossible is refused before a folder is touched
-        with scene.located():
-            doubts(scene.config)
+    with scene.located():  # what is impossible is refused before a folder is touched
+        doubtful = doubts(scene.config, simulated=name == "simulate")
+    if name == "simulate" and comm.rank == 0:  # a design tells its own
+        for one in doubtful:
+            log.warning("%s", one)
     with scene.located(), open_run(comm, folder, inputs, scene=text, resume=resume, every=every):
         if resume:
             log.info("the run in %s goes on", folder)
