@@ -304,9 +304,9 @@ def doubts(scene: Scene, simulated: bool = False) -> list[str]:
     return found if simulated else [*found, *_idle(scene)]
 
 
-def warn_of_doubts(comm: MPI.Comm, scene: Scene) -> None:
+def warn_of_doubts(comm: MPI.Comm, scene: Scene, simulated: bool = False) -> None:
     """Log `doubts` on the first rank."""
-    doubtful = doubts(scene)
+    doubtful = doubts(scene, simulated)
     if comm.rank == 0:
         for one in doubtful:
             log.warning("%s", one)

@@ -20,7 +20,7 @@ from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.measures.figures import State
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.plausibility import doubts
+from toros_fem.products.plausibility import doubts, warn_of_doubts
 from toros_fem.results.result import RunResult
 from toros_fem.results.runs.files import SCENE
 from toros_fem.results.runs.folder import FREE, open_run, read_record
@@ -74,10 +74,10 @@ def run_scene(
     inputs = on_first_rank(comm, lambda: inputs_of(scene, name))
     text = scene_text(scene.config, files, scene.materials)
     with scene.located():  # what is impossible is refused before a folder is touched
-        doubtful = doubts(scene.config, simulated=name == "simulate")
-    if name == "simulate" and comm.rank == 0:  # a design tells its own
-        for one in doubtful:
-            log.warning("%s", one)
+        if name == "simulate":
+            warn_of_doubts(comm, scene.config, simulated=True)
+        else:  # a design warns by itself
+            doubts(scene.config)
     with scene.located(), open_run(comm, folder, inputs, scene=text, resume=resume, every=every):
         if resume:
             log.info("the run in %s goes on", folder)

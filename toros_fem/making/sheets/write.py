@@ -82,9 +82,10 @@ def write_manufacture(
             (folder / NEXT).unlink()
             raise
     write_json(folder / NAME, about)
-    for name in sorted(earlier.keys() - {NAME, NEXT, *contents, *others}):
+    there = {path.name for path in folder.iterdir()}
+    for name in sorted(there & (earlier.keys() - {NAME, NEXT, *contents, *others})):
         if _is_ours(folder / name, earlier):
-            (folder / name).unlink(missing_ok=True)
+            (folder / name).unlink()
     (folder / NEXT).unlink()
     return about
 
@@ -121,10 +122,10 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
     return ManufactureOptions(**{name: value for name, value in known.items() if value is not None})
 
 
-def _earlier(folder: Path, *names: str) -> dict[str, set[str] | None]:
+def _earlier(folder: Path) -> dict[str, set[str] | None]:
     """Return the files of earlier calls, by name with their digests; None where none is known."""
     found: dict[str, set[str] | None] = {}
-    for name in names or (NAME, NEXT):
+    for name in (NAME, NEXT):
         with suppress(Exception):  # anybody's file may have this name
             last = read_json(folder / name)
             if last["format"] == FORMAT:
@@ -138,9 +139,7 @@ def _earlier(folder: Path, *names: str) -> dict[str, set[str] | None]:
 
 def _is_ours(path: Path, earlier: Mapping[str, set[str] | None]) -> bool:
     """Return whether a file is as an earlier call wrote it, or of one without a digest."""
-    if path.name not in earlier or not path.exists():
-        return path.name in earlier
-    digests = earlier[path.name]
+    digests = earlier.get(path.name, set())
     return digests is None or sha256(path.read_bytes()).hexdigest() in digests
 
 

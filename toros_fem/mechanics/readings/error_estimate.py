@@ -19,6 +19,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import refine
+from toros_fem.meshes.triangles import EQUILATERAL
 
 # A refinement removes half of the error at order 1 and three quarters at order 2. On tubes with
 # stiff lines, whose bending locks, it removed as little as a third.
@@ -171,4 +172,4 @@ def half_width(
 
 def edge_of(areas: Floats) -> float:
     """Return the edge length of equilateral triangles of the mean of areas, (t,), in m."""
-    return float(np.sqrt(4 / np.sqrt(3) * np.mean(areas)))
+    return float(np.sqrt(np.mean(areas) / EQUILATERAL))

@@ -312,13 +312,13 @@ class Designer(Distributed, DensityDesigner):
 
         That mesh is asked for, or it is tried where its own meshes leave the verdict open.
         """
-        made, level, known = found.printed.evaluation, self._print_level, None
+        made, level = found.printed.evaluation, self._print_level
         if made is None:
             return found
-        finer = self.scene.checked(level)
+        coarser = replace(self, scene=self.scene.updated(check_refinement=None))
+        errors = coarser._errors(found)
+        found, finer = found.with_errors(errors), self.scene.checked(level)
         if finer is None:
-            errors = self._errors(found)
-            found, known = found.with_errors(errors), errors.found
             count = FINER**2 * len(made.problem.skin.pattern.panel)
             told = errors.failure is None and overall(found.figures) is not State.NOT_CERTAIN
             if told or count > MOST:
@@ -331,8 +331,8 @@ class Designer(Distributed, DensityDesigner):
         except TorosError as caught:  # raised by all ranks or by none
             if self.comm.rank == 0:
                 log.warning("the check on a finer mesh is left out: %s", caught)
-            return found if known is not None else found.with_errors(self._errors(found))
-        found = self._there(found, there, ratio, known)
+            return found
+        found = self._there(found, there, ratio, errors.found)
         for improved in (self._trimmed_there, self._corrected_there):
             enough = AGAIN_IF_OPEN if overall(found.figures) is State.NOT_CERTAIN else AGAIN
             if largest_part(found.figures) <= enough:
