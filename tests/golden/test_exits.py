@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
 
-FOLDED = ("edge_length=5 mm", "levels=2", "highest_pressure=90 MPa", "pressure=50 MPa")
+FOLDED = ("edge_length=5 mm", "levels=2", "highest_pressure=49 MPa", "pressure=48 MPa", "c1=1.01")
 # Words of each command, in a folder where the first two have made their scenes.
 COMMANDS = {
     "scene of a tube": "new bend bend.toml",
