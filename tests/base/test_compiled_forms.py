@@ -42,6 +42,29 @@ def test_a_killed_compilation_is_made_good(area: ufl.Form, folder: Path) -> None
     assert source.with_suffix(".c.cached").exists()
 
 
+@pytest.mark.parametrize("damage", ["gone", "cut", "empty"])
+def test_a_damaged_module_is_compiled_again(area: ufl.Form, folder: Path, damage: str) -> None:
+    assert fem.assemble_scalar(compiled(area)) == pytest.approx(3.0)
+    compiled_forms._WHOLE.clear()
+    (module,) = folder.glob("*.so")
+    content = module.read_bytes()
+    module.unlink()  # it stays loaded here
+    if damage != "gone":
+        module.write_bytes(content[: len(content) // 2 if damage == "cut" else 0])
+    assert fem.assemble_scalar(compiled(area)) == pytest.approx(3.0)
+    assert len(module.read_bytes()) == len(content)
+
+
+def test_no_compiler_is_told(area: ufl.Form, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And all is well as soon as there is one."""
+    with monkeypatch.context() as patch:
+        patch.setenv("CC", "/nowhere/cc")
+        with pytest.raises(ImportError, match=r"/nowhere/cc'. A C compiler, .* are needed$"):
+            compiled(area)
+    assert fem.assemble_scalar(compiled(area)) == pytest.approx(3.0)
+    assert list(folder.glob("*.so"))
+
+
 def test_what_another_process_compiles_stays(area: ufl.Form, folder: Path) -> None:
     compiled(area)
     source = killed(folder)

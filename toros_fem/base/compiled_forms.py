@@ -1,4 +1,4 @@
-"""Forms compiled by FFCx, kept on disk; one whose compilation was killed is compiled again."""
+"""Forms compiled by FFCx, kept on disk; what is damaged there is compiled again."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ import hashlib
 import os
 import platform
 import shlex
+import struct
 import subprocess
 import sysconfig
 from collections.abc import Callable, Generator, Hashable, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import ufl
+from cffi import VerificationError
 from dolfinx import fem, la, mesh
 from dolfinx.jit import get_options
 from mpi4py import MPI
@@ -35,27 +38,37 @@ UNMADE = (
     "{} cannot be made, where forms are compiled: {}. Give another folder by the variable "
     "XDG_CACHE_HOME."
 )
+# Modules of compiled forms that this process has seen to be whole.
+_WHOLE: set[str] = set()
 
 
 def compiled(form: ufl.Form) -> Any:
     """Compile a form on one mesh to a `dolfinx.fem.Form`, or read it from the cache (collective).
 
     FFCx makes the C file of a form first and marks it when all is done. A compilation that was
-    killed leaves the file without its mark, and FFCx would wait for this mark in vain. So such
-    files are removed before, unless another process is compiling.
+    killed leaves the file without its mark, and FFCx would wait for this mark in vain. A marked
+    form whose module is gone or cut short ends the process where it is loaded. So such files are
+    removed before, unless another process is compiling.
 
     Raises:
         OutputError: The cache cannot be made; on all ranks.
+        ImportError: The form cannot be compiled; on all ranks.
     """
     folder = form_cache()
     comm = form.ufl_domains()[0].ufl_cargo().comm
     patience = max(PATIENCE, get_options()["timeout"])
     options = {"cache_dir": str(folder), "timeout": patience}
     on_first_rank(comm, lambda: _make(folder))
-    if comm.rank > 0:  # it reads what the first rank has compiled
-        return fem.form(form, jit_options=options)
-    with _compiling(folder):
-        return fem.form(form, jit_options=options)
+    # Other ranks read what the first one has compiled.
+    with _compiling(folder) if comm.rank == 0 else nullcontext():
+        try:
+            return fem.form(form, jit_options=options)
+        except (VerificationError, RuntimeError, ImportError) as error:
+            raise ImportError(
+                f"a form cannot be compiled in {folder}: {error}. A C compiler, the header "
+                "Python.h and space on the disk are needed",
+                name="form",
+            ) from error
 
 
 @dataclass(frozen=True)
@@ -198,7 +211,7 @@ def _make(folder: Path) -> None:
 
 @contextmanager
 def _compiling(folder: Path) -> Generator[None]:
-    """Hold the cache's lock, shared, after removing what a killed compilation left.
+    """Hold the cache's lock, shared, after removing what is damaged.
 
     The kernel frees the lock of a process that ends, however it ends.
     """
@@ -210,7 +223,7 @@ def _compiling(folder: Path) -> Generator[None]:
     try:
         with suppress(OSError):  # another process compiles, or there are no locks here
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            _remove_unmarked(folder)
+            _remove_damaged(folder)
         with suppress(OSError):
             fcntl.flock(file, fcntl.LOCK_SH)
         yield
@@ -218,8 +231,34 @@ def _compiling(folder: Path) -> Generator[None]:
         os.close(file)
 
 
-def _remove_unmarked(folder: Path) -> None:
+def _remove_damaged(folder: Path) -> None:
+    """Remove the forms without a mark, and those whose module is gone or cut short."""
     names = set(os.listdir(folder))
-    for name in names:
-        if name.startswith("libffcx_") and name.endswith(".c") and f"{name}.cached" not in names:
+    for source in names:
+        form, ending = os.path.splitext(source)
+        if ending != ".c" or not form.startswith("libffcx_"):
+            continue
+        mark, modules = f"{source}.cached", {form + suffix for suffix in EXTENSION_SUFFIXES} & names
+        whole = bool(modules) and all(name in _WHOLE or is_whole(folder / name) for name in modules)
+        if mark in names and whole:
+            _WHOLE.update(modules)
+            continue
+        _WHOLE.difference_update(modules)
+        for name in {source, mark, *modules}:
             (folder / name).unlink(missing_ok=True)
+
+
+def is_whole(module: Path) -> bool:
+    """Return whether a file is as long as its ELF header says; True of other formats.
+
+    To load a shared library that is cut short ends the process by SIGBUS.
+    """
+    size = module.stat().st_size
+    with module.open("rb") as file:
+        head = file.read(64)
+    if size < 64 or head[:4] != b"\x7fELF":
+        return size > 64
+    order, wide = "<" if head[5] == 1 else ">", head[4] == 2
+    (table,) = struct.unpack_from(f"{order}{'Q' if wide else 'I'}", head, 40 if wide else 32)
+    entry, entries = struct.unpack_from(f"{order}HH", head, 58 if wide else 46)
+    return bool(size >= table + entry * entries)

@@ -20,6 +20,7 @@ from cffi import FFI, VerificationError
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, LocalInts
+from toros_fem.base.compiled_forms import is_whole
 from toros_fem.base.errors import TorosError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.mechanics.equilibrium import cvxopt_cholmod
@@ -192,7 +193,7 @@ def _build() -> Path | None:
     name = f"toros_cholmod_{hashlib.sha1(b''.join(texts)).hexdigest()[:12]}"
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = home / "toros_fem"
-    known = sorted(folder.glob(f"{name}.*so"))
+    known = [path for path in sorted(folder.glob(f"{name}.*so")) if is_whole(path)]
     if known:
         return known[0]
     builder = FFI()
