@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix, diags, identity, kron, triu
 
 from toros_fem.base.errors import TorosError
 from toros_fem.mechanics.equilibrium import cholmod
-from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, find_partition
+from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, Partition, find_partition
 
 LENGTH, WIDTH = 60, 16
 
@@ -147,3 +147,18 @@ def test_an_error_in_one_part_is_raised_on_all_ranks(
     monkeypatch.undo()
     assert factor.factorise(upper.data)
     assert np.all(np.isfinite(factor.solve(np.ones(rows.stop - rows.start))))
+
+
+def test_a_part_that_touches_no_interface(
+    alone: MPI.Comm, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As that of a rank without unknowns; LAPACK has nothing to print about it."""
+    K = csr_matrix([[2.0, -1.0, 0, 0], [-1.0, 2.0, -1.0, 0], [0, -1.0, 2.0, 0], [0, 0, 0, 3.0]])
+    calls = cholmod.library(alone)
+    assert calls is not None
+    upper = owned_rows(K, alone)[1]
+    partition = Partition(np.array([0, 0, 1, 2]), 3, np.array([1]))
+    factor = CondensedFactor(alone, calls, upper.indptr, upper.indices, partition)
+    assert factor.factorise(upper.data)
+    assert K @ factor.solve(np.arange(4.0)) == pytest.approx(np.arange(4.0))
+    assert capfd.readouterr().out == ""

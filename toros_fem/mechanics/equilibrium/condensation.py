@@ -234,6 +234,8 @@ class _Part:
 
     def schur(self) -> Floats:
         """Return −K_BI K_II⁻¹ K_IB of the part, the upper triangle at its `place`."""
+        if not self._count:  # LAPACK complains of empty matrices on stdout
+            return self._corner
         product, _ = lapack.dlauum(self._corner.T, lower=1)
         square = np.asarray(product.T)
         # In the part K_BB comes last, column by column, in reversed order.
