@@ -23,6 +23,8 @@ Roll = Annotated[float, In("m", above=0, at_most=100)]
 
 SEAMS, ALL = "seams", "all"
 OUTSIDE, INSIDE = "outside", "inside"
+TEXT, OUTLINES = "text", "outlines"
+R12, R2010 = "R12", "R2010"
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,12 @@ class ManufactureOptions(Table):
         1, "number of skins to make, such as fingers"
     )
     panel_gap: Gap = key(5e-3, "least distance of two panels on a sheet")
+    letters: Annotated[str, OneOf((TEXT, OUTLINES))] = key(
+        TEXT, "texts of the cut files: as text, or as outlines, for software that drops text"
+    )
+    dxf_version: Annotated[str, OneOf((R12, R2010))] = key(
+        R2010, "version of the DXF files; old software reads R12"
+    )
     weld_allowance: Small = key(6e-3, "film of the bladder beyond the panels, for its weld")
     connector_width: Tab | None = key(
         8e-3, "width of the bladder's tab for its tube; none leaves it out"

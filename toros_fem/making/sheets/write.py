@@ -100,12 +100,14 @@ def machine_files(made: Manufacture) -> Iterator[MadeFile]:
     for number, sheet in enumerate(made.layout.sheets, 1):
         for end, cut in CUTS.items():
             shows = f"cut of sheet {number}, in mm, in layers"
-            yield MadeFile(f"cut_{number}.{end}", "cut", shows, cut(sheet), sheet=number)
+            yield MadeFile(
+                f"cut_{number}.{end}", "cut", shows, cut(sheet, made.options), sheet=number
+            )
     if made.film is not None:
         for end, cut in CUTS.items():
             count = len(made.film.drawings)
             shows = f"cut of the bladder's {count} sheets of film, in mm, in layers"
-            yield MadeFile(f"bladder.{end}", "bladder", shows, cut(made.film))
+            yield MadeFile(f"bladder.{end}", "bladder", shows, cut(made.film, made.options))
 
 
 def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
