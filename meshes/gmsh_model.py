@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,22 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.meshes.triangles import flat_areas
 
 NAME = "toros_fem"
+# gmsh has one current model in a process.
+_ALONE = RLock()
 
 
 @contextmanager
 def gmsh_model(edge_length: float, options: Mapping[str, float] | None = None) -> Iterator[Any]:
     """Open an empty model whose mesh has edges of a length in m, and drop it (one rank).
 
-    It yields the module `gmsh`. The options are further ones, by their names.
+    It yields the module `gmsh`; other threads wait until the model is dropped. The options are
+    further ones, by their names.
     """
+    with _ALONE:
+        yield from _model(edge_length, options or {})
+
+
+def _model(edge_length: float, options: Mapping[str, float]) -> Iterator[Any]:
     import gmsh  # here, because it is slow, and structured meshes do not need it
 
     ours = not gmsh.isInitialized()
@@ -28,7 +37,7 @@ def gmsh_model(edge_length: float, options: Mapping[str, float] | None = None) -
     current = "" if ours else gmsh.model.getCurrent()
     wanted = {
         "General.Terminal": 0, "General.NumThreads": 1, "Mesh.Algorithm": 6, "Mesh.RandomSeed": 1,
-        "Mesh.MeshSizeMin": edge_length, "Mesh.MeshSizeMax": edge_length, **(options or {}),
+        "Mesh.MeshSizeMin": edge_length, "Mesh.MeshSizeMax": edge_length, **options,
     }  # fmt: skip
     before = {name: gmsh.option.getNumber(name) for name in wanted}
     try:

@@ -1,6 +1,7 @@
 """Polygons meshed by gmsh have the prescribed divisions, and gmsh's own state is left alone."""
 
 from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 
 import gmsh
 import numpy as np
@@ -24,6 +25,16 @@ def test_it_is_closed_where_it_was_not_open() -> None:
     assert not gmsh.isInitialized()
     polygon_mesh(TRIANGLE, 0.01)
     assert not gmsh.isInitialized()
+
+
+def test_threads_wait_for_each_other() -> None:
+    edges = [2e-3, 1e-3, 5e-4, 2.5e-4]
+    with ThreadPoolExecutor(4) as pool:
+        meshes = list(pool.map(lambda edge: polygon_mesh(TRIANGLE, edge), edges))
+    for edge, (points, triangles) in zip(edges, meshes, strict=True):
+        alone = polygon_mesh(TRIANGLE, edge)
+        assert np.array_equal(points, alone[0])
+        assert np.array_equal(triangles, alone[1])
 
 
 @pytest.mark.usefixtures("session")
