@@ -41,7 +41,9 @@ def test_simulation_of_a_design(
 ) -> None:
     scene, folder = designed
     found = {}
-    for name, more in (("plain", []), ("print", ["--pattern", str(folder)])):
+    sources = {"plain": None, "print": folder, "files": folder / "manufacture"}
+    for name, source in sources.items():
+        more = [] if source is None else ["--pattern", str(source)]
         output = tmp_path / name
         capsys.readouterr()
         at = f"{summary_of(folder)['pressures_pa'][0]} Pa"
@@ -57,6 +59,7 @@ def test_simulation_of_a_design(
     assert abs(value_of(found["plain"], "angle_deg") or 0.0) < 0.5
     expected = value_of(summary_of(folder), "angle_deg")
     assert value_of(found["print"], "angle_deg") == pytest.approx(expected, abs=0.05)
+    assert value_of(found["files"], "angle_deg") == value_of(found["print"], "angle_deg")
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,12 +20,14 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.starts import BestStart, best_start
 from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.making.print.print_file import NAME as PRINT
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import print_on
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import State, largest_part, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.meshes.pattern_file import NAME as PATTERN
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.densities import (
     DensityDesigner,
@@ -277,15 +280,16 @@ class Designer(Distributed, DensityDesigner):
         if curve is not None and curve.doubt is not None and self.comm.rank == 0:
             log.warning("%s: it may not take the shape that is told", curve.doubt)
         summary, place = found.summary(), folder / FOLDER
-        pattern, regions = printed.pattern, printed.regions
-        guarded(
-            self.comm,
-            folder,
-            lambda: if_possible(
-                "machine files",
-                lambda: write_manufacture(place, pattern, regions, summary=summary),
-            ),
-        )
+
+        def make() -> None:
+            copies = PATTERN, PRINT  # so that the folder holds what can be simulated again
+            write_manufacture(
+                place, printed.pattern, printed.regions, summary=summary, others=copies
+            )
+            for name in copies:
+                shutil.copyfile(folder / name, place / name)
+
+        guarded(self.comm, folder, lambda: if_possible("machine files", make))
         other = None
         if scene.results.estimate_error and printed.evaluation is not None:
             other = partial(self._on_other_mesh, printed)
