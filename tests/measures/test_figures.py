@@ -124,3 +124,25 @@ def test_the_worst_figure_decides() -> None:
     told = verdict_of(far)
     assert told.startswith("Missed: angle 4 ")
     assert told.endswith("; and 2 more")
+
+
+@pytest.mark.parametrize(
+    ("figure", "why"),
+    [
+        (
+            Figure("angle", "deg", 60.3, 25.0, 60.0, 3.0),
+            "angle as asked, 60° (± 25°; within 3° is reached)",
+        ),
+        (
+            Figure("shape", "percent", 3.04, None, 0.0, 3.0),
+            "shape 3.04 % (its error is unknown; within 3 % is reached)",
+        ),
+        (
+            Figure("angle", "deg", 54.45, 3.0, 60.0, 2.5),
+            "angle 5.55° short of 60° (± 3.00°; within 2.5° is reached)",
+        ),
+    ],
+)
+def test_rounded_numbers_agree_with_their_state(figure: Figure, why: str) -> None:
+    """They are not off by nothing, and not within the tolerance where the state says missed."""
+    assert figure.why == why

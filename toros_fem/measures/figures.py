@@ -13,6 +13,8 @@ import numpy as np
 TOLERANCE = 0.03
 # Figures that a sentence tells at most.
 MOST_TOLD = 3
+# Decimals that are added at most so that rounded numbers agree with a state.
+MORE_DIGITS = 3
 # What stands for a value that is missing.
 NONE = "–"
 
@@ -148,16 +150,33 @@ class Figure:
     def rounded(self, value: float, *, unit: bool = True) -> str:
         """Return a value, or a change of it, with no more digits than the error supports.
 
-        Where the error is unknown, they are those that the tolerance needs.
+        Where the error is unknown, they are those that the tolerance needs. Where the state is not
+        that of the rounded numbers, there are more.
         """
-        factor, width = unit_of(self.unit).factor, self.interval
-        if width is None:
-            if self.tolerance is not None:
-                value = round(factor * value, _digits(factor * self.tolerance)) / factor
+        factor = unit_of(self.unit).factor
+        if self.interval is None and self.tolerance is None:
             return formatted(value, self.unit)
-        digits = _digits(factor * width)
+        digits = self._digits
+        if self.interval is None:
+            return formatted(round(factor * value, digits) / factor, self.unit)
         text = f"{round(factor * value, digits) + 0.0:.{digits}f}"
         return f"{text}{unit_of(self.unit).sign * unit}"
+
+    @property
+    def _digits(self) -> int:
+        """Decimals, in the unit that is shown, that keep the state."""
+        factor = unit_of(self.unit).factor
+        width = self.tolerance if self.interval is None else self.interval
+        least = _digits(factor * (width or 0.0))
+        wider = None if self.tolerance is None else (1 + 1e-9) * self.tolerance
+        for digits in range(least, least + MORE_DIGITS):
+            value, interval = (
+                None if one is None else round(factor * one, digits) / factor
+                for one in (self.value, self.interval)
+            )
+            if replace(self, value=value, interval=interval, tolerance=wider).state is self.state:
+                return digits
+        return least
 
     @property
     def shown(self) -> str:
@@ -195,13 +214,18 @@ class Figure:
     @property
     def off_with_error(self) -> str:
         """The same with the half-width of its interval, such as "5.9 ± 1.1° short of 180°"."""
-        return self._off(replace(self, value=abs(self.miss or 0.0)).shown)
+        far = abs(self.miss or 0.0)
+        if self.interval is None:
+            return self._off(self.rounded(far))
+        return self._off(f"{self.rounded(far, unit=False)} ± {self.rounded(self.interval)}")
 
     def _off(self, far: str) -> str:
         if self.miss is None or self.target is None:
             return self.shown
         if self.target == 0:
             return far
+        if round(unit_of(self.unit).factor * self.miss, self._digits) == 0:
+            return f"as asked, {formatted(self.target, self.unit)}"
         less = abs(self.value or 0.0) < abs(self.target)
         side = "short of" if less else "beyond"
         far = far.replace(" %", " percentage points")

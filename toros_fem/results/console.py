@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
 
 from mpi4py import MPI
 from tqdm import tqdm
@@ -12,6 +13,7 @@ from tqdm import tqdm
 from toros_fem.design.loop.options import Iteration
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 
+Item = TypeVar("Item")
 # Least width of a column that holds a metric.
 METRIC_WIDTH = 12
 # Time in s between two lines on the progress, where there is no terminal.
@@ -70,9 +72,13 @@ class ProgressBar:
 
     The time left is that of the steps so far, those of a resumed run left out. Steps on finer
     meshes take longer.
+
+    Args:
+        unit: What a step is.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, unit: str = "step") -> None:
+        self._unit = unit
         self._bar: tqdm | None = None
         self._total: int | None = None
         self._first: tuple[int, float] | None = None  # step, and time in s
@@ -96,20 +102,33 @@ class ProgressBar:
         elif sys.stderr.isatty():
             if self._bar is None:
                 self._bar = tqdm(
-                    total=self._total, initial=done, unit="step", file=sys.stderr,
+                    total=self._total, initial=done, unit=self._unit, file=sys.stderr,
                     mininterval=0, leave=False,
                 )  # fmt: skip
             self._bar.update(done - self._bar.n)
         elif done > first and now >= self._said + LINE_EVERY:
             self._said = now
             left = (now - begin) / (done - first) * (self._total - done)
-            print_line(f"step {done} of {self._total}, about {duration(left)} left")
+            print_line(f"{self._unit} {done} of {self._total}, about {duration(left)} left")
 
     def close(self) -> None:
         """Remove the bar."""
         if self._bar is not None:
             self._bar.close()
             self._bar = None
+
+
+def with_progress(comm: MPI.Comm, items: Iterable[Item], total: int, unit: str) -> Iterator[Item]:
+    """Yield items, and show on the first rank how many of all are done."""
+    bar = ProgressBar(unit)
+    bar.expect(total)
+    try:
+        for done, item in enumerate(items):
+            if comm.rank == 0:
+                bar.advance(done)
+            yield item
+    finally:
+        bar.close()
 
 
 def duration(seconds: float) -> str:

@@ -22,6 +22,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import RunResult, state_figures
+from toros_fem.results.warnings import notes_at
 from toros_fem.results.writer import wrinkles_of, write_skin_fields
 
 
@@ -65,6 +66,11 @@ class PathResult(RunResult):
             *state_figures(last.result.pressure, last.result, self.whole.parts),
         )
 
+    @property
+    def notes(self) -> list[str]:
+        """What is not as usual at its points."""
+        return notes_at((p.result.pressure, p.result.condition.sentences) for p in self.points)
+
     def entries(self) -> dict[str, Any]:
         """Return inputs and cost."""
         return {
@@ -93,8 +99,13 @@ def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -
     skin, density, last = whole.pattern, whole.at_cells(found.density), points[-1]
     shape = whole.at_vertices(last.positions)
     rows = [
-        {"pressure_pa": p.result.pressure, "volume_m3": whole.parts * p.result.volume, **p.metrics}
-        for p in points
+        {
+            "pressure_pa": point.result.pressure,
+            "volume_m3": whole.parts * point.result.volume,
+            "stretch_use": point.result.stretch_use,
+            **point.metrics,
+        }
+        for point in points
     ]
     folds = wrinkles_of(skin, found.composite, density, shape)
 

@@ -17,8 +17,9 @@ from toros_fem.measures.figures import Figure, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.results.report.notebook import EmbeddedPage, view_of
 from toros_fem.results.runs.files import SUMMARY
-from toros_fem.results.runs.folder import require_open
+from toros_fem.results.runs.folder import require_open, run_of
 from toros_fem.results.runs.summary_file import figures_html
+from toros_fem.results.warnings import warnings_of
 
 
 class RunResult(Distributed, ABC):
@@ -46,6 +47,11 @@ class RunResult(Distributed, ABC):
     @property
     def binding(self) -> Sequence[str]:
         """What keeps it from its targets, as far as it is known."""
+        return ()
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What is not as usual in its equilibria, as sentences."""
         return ()
 
     def sentence(self) -> str:
@@ -104,6 +110,10 @@ def write_summary(comm: MPI.Comm, folder: Path | str, result: RunResult) -> dict
     """
     folder = Path(folder)
     content = {**result.summary(), "ranks": comm.size, "versions": versions()}
+    run = run_of(folder)
+    logged = [] if run is None else run.warnings.texts
+    said = [*logged, *result.notes, *warnings_of(content)]
+    content["warnings"] = list(dict.fromkeys(said))
     content = dict(comm.bcast(content, root=0))  # each rank has its own clock
 
     def write() -> None:

@@ -20,6 +20,7 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall
 from toros_fem.measures.miss import shape_figures
 from toros_fem.results.result import RunResult, state_figures
+from toros_fem.results.warnings import notes_at
 
 
 def shape_problem(result: DesignResult) -> ShapeProblem:
@@ -142,6 +143,14 @@ class PrintedResult(RunResult):
             wide = "its interval reaches over the tolerance"
             found.append(f"error by the mesh: {wide if known else 'it is not estimated'}")
         return tuple(found)
+
+    @property
+    def notes(self) -> list[str]:
+        """What is not as usual in the equilibrium of the print."""
+        made = self.printed.evaluation
+        if made is None:
+            return []
+        return notes_at([(self.pressure, made.equilibrium.condition.sentences)])
 
     @property
     def shown_metrics(self) -> Mapping[str, float]:

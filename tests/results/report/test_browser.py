@@ -124,7 +124,7 @@ def test_markup_in_names_and_messages_stays_text(tmp_path: Path, pattern: Patter
     """Names of panels, of charts and of the folder, messages and files that a run brings along."""
     odd = write_run(tmp_path / "<b>run & {{ 7 * 7 }}", pattern, panel=EVIL.replace("/", "|"))
     measured = {"metric": "angle_deg", "pressure_pa": 8e3, "measured": 70.0, "source": EVIL}
-    change_summary(odd, printed_failure=EVIL, inputs={EVIL: EVIL}, curve={"measured": [measured]})
+    change_summary(odd, warnings=[EVIL], inputs={EVIL: EVIL}, curve={"measured": [measured]})
     svg = odd / "pattern.svg"
     svg.write_text(svg.read_text("utf-8").replace("</svg>", f"{EVIL}</svg>"), encoding="utf-8")
     with opened(write_report(odd)) as page:

@@ -1,6 +1,5 @@
 """The page holds all of a run, and nothing from elsewhere."""
 
-import dataclasses
 import html
 import json
 import re
@@ -11,8 +10,8 @@ from helpers.runs import change_summary
 
 from toros_fem.base.errors import OutputError
 from toros_fem.measures.figures import Figure
-from toros_fem.results.frames.files import read_frames, write_frame
 from toros_fem.results.report.page_file import write_report
+from toros_fem.results.report.tables import as_text
 from toros_fem.results.runs.run_folder import read_run
 
 
@@ -74,27 +73,17 @@ def test_names_of_panels_are_no_identifiers(run: Path) -> None:
 
 
 def test_what_is_unusual_is_told(run: Path) -> None:
-    assert "At 10 kPa: It is near a limit point." in write_report(run).read_text(encoding="utf-8")
-    change_summary(
-        run,
-        curve={"failure_above": "no step is small enough", "failure_below": None},
-        manufacture={"pieces": 3, "islands": 2, "narrow_places": 4},
-    )
-    (last,) = read_frames(run / "frames", "pressure")[-1:]
-    snapped = dataclasses.replace(last, series="print", number=0, note="The skin snapped.")
-    write_frame(run / "frames", snapped)
+    """In the page and in the terminal; of a run without a summary, by its frames."""
+    warnings = ["At 10 kPa: It is near a limit point.", "1 place is narrower than <that>."]
+    change_summary(run, manufacture={"pieces": 3, "islands": 1}, warnings=warnings)
     page = html.unescape(write_report(run).read_text(encoding="utf-8"))
-    for text in (
-        "At the design's pressure: The skin snapped.",
-        "The curve ends before higher pressures: no step is small enough",
-        "2 islands of the print hang on",
-        "4 places are narrower",
-    ):
+    for text in (*warnings, "of these 1 island<"):
         assert text in page
-    change_summary(run, manufacture={"pieces": 3, "islands": 1, "narrow_places": 1})
+    assert as_text(read_run(run)).endswith("Warnings:\n  " + "\n  ".join(warnings))
+    (run / "summary.json").unlink()
     page = html.unescape(write_report(run).read_text(encoding="utf-8"))
-    for text in ("1 island of the print hangs on", "1 place is narrower", "of these 1 island<"):
-        assert text in page
+    assert "This run has no summary" in page
+    assert "At 10 kPa: It is near a limit point." in page
 
 
 def test_the_page_says_what_was_missed(run: Path) -> None:

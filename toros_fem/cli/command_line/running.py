@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,9 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.errors import CheckpointError, SceneError
-from toros_fem.base.files import is_listed
+from toros_fem.base.files import if_plotting, is_listed
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.program import program
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
@@ -21,9 +23,11 @@ from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.measures.figures import State
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.plausibility import doubts, warn_of_doubts
-from toros_fem.results.result import RunResult
+from toros_fem.results.report.page_file import write_report
+from toros_fem.results.report.tables import as_text
 from toros_fem.results.runs.files import SCENE
 from toros_fem.results.runs.folder import FREE, open_run, read_record
+from toros_fem.results.runs.run_folder import read_run
 from toros_fem.results.runs.summary_file import read_content
 
 log = logging.getLogger(__name__)
@@ -74,50 +78,43 @@ def run_scene(
     inputs = on_first_rank(comm, lambda: inputs_of(scene, name))
     text = scene_text(scene.config, files, scene.materials)
     with scene.located():  # what is impossible is refused before a folder is touched
-        if name == "simulate":
-            warn_of_doubts(comm, scene.config, simulated=True)
-        else:  # a design warns by itself
-            doubts(scene.config)
+        doubts(scene.config, simulated=name == "simulate")
     with scene.located(), open_run(comm, folder, inputs, scene=text, resume=resume, every=every):
         if resume:
             log.info("the run in %s goes on", folder)
-        found: RunResult = action(comm, folder, files, verbose=verbose)
-    summary = on_first_rank(comm, lambda: read_content(folder))
-    used = next((one.value for one in found.figures if one.key == "stretch_use"), None)
-    if (beyond := beyond_tests(scene, used)) and comm.rank == 0:
-        log.warning(beyond)
-    return Answer(f"{found.sentence()}; see {folder}/{narrower(scene, folder, summary)}", summary)
+        if name == "simulate":  # a design warns by itself
+            warn_of_doubts(comm, scene.config, simulated=True)
+        action(comm, folder, files, verbose=verbose)
+    told, summary = on_first_rank(comm, lambda: (_told(folder), read_content(folder)))
+    return Answer("\n".join([told, *narrower(scene, folder, summary)]), summary)
 
 
-def narrower(scene: SceneFile, folder: Path, summary: Mapping[str, Any]) -> str:
+def _told(folder: Path) -> str:
+    """Write the report of a run, and return what a terminal tells of it (one rank)."""
+    run, place = read_run(folder), folder
+
+    def write() -> None:
+        nonlocal place
+        place = write_report(folder)
+
+    if_plotting(write)
+    return f"{as_text(run)}\nSee {place}"
+
+
+def narrower(scene: SceneFile, folder: Path, summary: Mapping[str, Any]) -> list[str]:
     """Return how to go on with a run that is not certain; empty if it cannot be narrower."""
     key, state = "check_refinement", summary["verdict"]["state"]
     possible = key in scene.kind.described() and scene.config.value(key) is None
     if state != State.NOT_CERTAIN or not possible:
-        return ""
+        return []
     lines = "start" in scene.kind.described() and scene.config.value("start") == "relaxed"
     also = ", and perhaps other lines" if lines else ""
     told = summary.get("errors", {}).get("meshes", {})
     finer = round(2 / min(1.0, *map(float, told)) if told else 2)
-    return f". For narrower intervals{also}: toros resume {folder} --set {key}={finer}"
-
-
-def beyond_tests(scene: SceneFile, used: float | None) -> str:
-    """Return that a fabric stretches further than its values are known for; empty if not.
-
-    It is told which part of the stretch bounds the skin uses, if that is known.
-    """
-    fabric = scene.materials.get("fabric")
-    if fabric is None or used is None:
-        return ""
-    most, known = 1 + used * (scene.config.value("c1") - 1), fabric.stretch_range[1]
-    if most <= known:
-        return ""
-    return (
-        f"the skin stretches up to about {most:.2f}, and the values of {fabric.name} are known up "
-        f"to {known:g}: what is told beyond that is eq. (1) and no test. Test the fabric further "
-        "(toros fit), or take less pressure."
-    )
+    return [
+        f"For narrower intervals{also}:",
+        f"  {program()} resume {shlex.quote(str(folder))} --set {key}={finer}",
+    ]
 
 
 def resume_scene(

@@ -24,6 +24,7 @@ FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "fabric_young": "young",
             **{name: name for name in (*_SHEET, "knit_ratio")},
             "fabric_mass": "density",
+            "tested_stretch": "tested_stretch",
         },
         "reinforcement": {**_PRINT, "print_mass": "density"},
         "bladder": {"bladder_young": "young", "bladder_thickness": "thickness"},

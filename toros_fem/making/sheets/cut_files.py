@@ -111,7 +111,7 @@ def _draw(space: Any, add: Any, look: dict[str, str], layer: Layer) -> shapely.M
     """Add a layer to the space of a DXF drawing, and return its corners in mm."""
     from ezdxf.enums import TextEntityAlignment
 
-    corners = [np.empty((0, 2))]
+    corners: list[Floats] = [np.empty((0, 2))]
     rings = shapely.get_rings(shapely.get_parts(shapely.orient_polygons(layer.region)))
     for line in (*map(shapely.get_coordinates, rings), *layer.lines):
         points, closed = open_line(line)

@@ -76,6 +76,11 @@ class LibraryMaterial(Table):
             if not right:
                 self.described()[name].refuse(getattr(self, name), why)
 
+    @property
+    def tested_stretch(self) -> float:
+        """Largest stretch for which the values hold."""
+        return self.stretch_range[1]
+
     def _rules(self) -> Iterator[tuple[str, object, str]]:
         """Yield what must hold beside the bounds: of which key, whether it does, and its words."""
         letters = "must be letters, digits, - and _, at most 40, and not 'none'"

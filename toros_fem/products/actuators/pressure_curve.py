@@ -26,6 +26,7 @@ from toros_fem.mechanics.paths.trace import follow_pressures
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
 from toros_fem.products.tables.loads import Results
 from toros_fem.results.frames.record import shown_skin, write_path
+from toros_fem.results.warnings import notes_at
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6
@@ -54,6 +55,7 @@ class CurveFigures:
         joins_rest: Whether the skin takes the shape of the lowest point too where it is inflated
             from rest; None if this finds no equilibrium.
         measured: Measured values, each beside the simulated one.
+        notes: What is not as usual at its points, as sentences.
         seconds: Wall time.
     """
 
@@ -66,6 +68,7 @@ class CurveFigures:
     failure_above: str | None = None
     joins_rest: bool | None = None
     measured: Sequence[Mapping[str, Any]] = ()
+    notes: Sequence[str] = ()
     seconds: float | None = None
 
     @property
@@ -157,6 +160,7 @@ def trace_pressure_curve(
         failure_below,
         failure_above,
         _joins_rest(solver, made.projected, points[0]),
+        notes=notes_at((p.result.pressure, p.result.condition.sentences) for p in points),
     )
     return points, found
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar, Protocol
 
@@ -75,6 +75,10 @@ class Tried(Protocol):
     def words(self) -> str:
         """It in words."""
 
+    @property
+    def notes(self) -> Sequence[str]:
+        """What is not as usual there, as sentences."""
+
     def entries(self) -> dict[str, Any]:
         """Return it as summaries hold it."""
 
@@ -118,6 +122,12 @@ class ActuatorResult(PrintedResult):
         return (*super().figures, *(() if self.trial is None else self.trial.figures))
 
     @property
+    def notes(self) -> list[str]:
+        """What is not as usual in the equilibria of the print, its curve and its trial."""
+        curve = super().notes if self.curve is None else self.curve.notes
+        return [*curve, *(() if self.trial is None else self.trial.notes)]
+
+    @property
     def binding(self) -> tuple[str, ...]:
         """What keeps the print from its targets, as of `PrintedResult`, and its corrections."""
         found, rounds, state = list(super().binding), self.search.rounds, overall(self.figures)
@@ -138,6 +148,7 @@ class ActuatorResult(PrintedResult):
             found["errors"] = self.errors.as_dict()
         if self.curve is not None:
             found["curve"] = asdict(self.curve)
+            del found["curve"]["notes"]  # they are with the warnings
         if self.trial is not None:
             found[self.trial.NAME] = self.trial.entries()
         return found

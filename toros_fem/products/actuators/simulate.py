@@ -19,7 +19,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.making.print.print_file import NAME as PRINT
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.regions import case_of_print
-from toros_fem.measures.figures import formatted
+from toros_fem.measures.figures import Figure, formatted
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
@@ -31,7 +31,7 @@ from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.other_mesh import Again, Printed
-from toros_fem.results.console import print_step
+from toros_fem.results.console import print_step, with_progress
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.summary_file import summary_of
@@ -61,6 +61,14 @@ class SimulationResult(PathResult):
     source: str | None = None
     failure: str | None = None
     errors: MetricErrors | None = None
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Metrics, pressure and volume at the last point; nobody asks a plain skin for a target."""
+        found = super().figures
+        if self.source is not None:
+            return found
+        return tuple(replace(figure, target=None, tolerance=None) for figure in found)
 
     def entries(self) -> dict[str, Any]:
         """Return errors, inputs and cost."""
@@ -107,8 +115,9 @@ def simulate_actuator(
     pressures = np.linspace(0.0, scene.pressure.pressure, scene.results.curve_steps + 1)[1:]
     points: list[TracePoint] = []
     failure = None
+    path = trace(solver, own, [*map(float, pressures)], made.judged)
     try:
-        points.extend(trace(solver, own, [*map(float, pressures)], made.judged))
+        points.extend(with_progress(comm, path, len(pressures), "pressure"))
     except EquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
         if not points:

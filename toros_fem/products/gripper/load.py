@@ -84,6 +84,7 @@ class Lifted:
     intervals: Mapping[str, float] = field(default_factory=dict)
 
     NAME: ClassVar[str] = "load"
+    notes: ClassVar[Sequence[str]] = ()
 
     @property
     def figures(self) -> tuple[Figure, ...]:

@@ -32,6 +32,10 @@ class Sheets(Table):
     thickness: Length = key(0.5e-3, "thickness of the fabric")
     c1: Stretch = key(1.9, "bound on a principal stretch, eq. (1)")
     c2: Stretch = key(2.6, "bound on the sum of both principal stretches less 1")
+    tested_stretch: Stretch | None = key(
+        None,
+        "stretch up to which the fabric was tested, beyond which a warning comes; none: unknown",
+    )
     reinforcement_young: Modulus = key(70e6, "Young's modulus of the reinforced fabric")
     reinforcement_poisson: Poisson | None = key(
         None, "Poisson's ratio of the reinforced fabric; none takes that of the fabric"

@@ -26,7 +26,7 @@ from toros_fem.products.actuators.cost import Cost, Part, Probe
 from toros_fem.products.plausibility import Group, Inflated, with_lengths
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tube
-from toros_fem.results.console import print_step
+from toros_fem.results.console import print_step, with_progress
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import write_summary
 from toros_fem.results.writer import draw_pictures
@@ -125,9 +125,10 @@ class InflateScene(Scene):
         solver, density = self.solver(comm, verbose=verbose)
         owned, pattern = density[solver.skin.owned_cells], solver.skin.pattern
         metrics = [metric.of_whole(planes) for metric in METRICS]
+        path = trace(solver, owned, [*map(float, self.pressures)], metrics)
         found = InflationResult(
             pattern,
-            list(trace(solver, owned, [*map(float, self.pressures)], metrics)),
+            list(with_progress(comm, path, len(self.pressures), "pressure")),
             density,
             METRICS,
             mirrored(pattern, planes),

@@ -26,6 +26,7 @@ from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.products.actuators.legs import tip_positions
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.warnings import notes_at
 
 # The ground lies so far below the lowest point of the start, over the distance of contact.
 CLEARANCE = 0.5
@@ -135,6 +136,11 @@ class Walk:
     def lost_energy(self) -> float:
         """Work in J over the closed cycle: what friction and snapping turn into heat."""
         return float(self.work.sum())
+
+    @property
+    def notes(self) -> list[str]:
+        """What is not as usual at its points, as sentences."""
+        return notes_at((p.result.pressure, p.result.condition.sentences) for p in self.points)
 
     @property
     def figures(self) -> tuple[Figure, ...]:

@@ -16,8 +16,10 @@ from toros_fem.measures.figures import axis_label, formatted, unit_of
 from toros_fem.results.pictures import style
 from toros_fem.results.pictures.words import Word, write_words
 from toros_fem.results.runs.run_folder import Curve
+from toros_fem.results.warnings import BEYOND
 
 PRESSURE = "pressure (kPa)"
+UNTESTED = (0, (3, 2))
 FINER = "; dots with intervals are of a finer mesh than lines"
 # Feet whose paths end nearer than this, over the extent of all, have one name.
 SAME = 0.01
@@ -57,9 +59,13 @@ def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> Non
     factor = unit_of(figures[0].unit).factor
     axes.grid(axis="y")
     words, lines = list[Word](), list[Floats]()
+    known = last_tested(curve)
     for told, colour in zip(figures, cycle(COLOURS), strict=False):
         values = [factor * row.get(told.key, np.nan) for row in rows]
-        axes.plot(at, values, "-", color=colour, lw=1.6)
+        axes.plot(at[: known + 1], values[: known + 1], "-", color=colour, lw=1.6)
+        if known < len(at) - 1:
+            axes.plot(at[known:], values[known:], color=colour, lw=1.6, ls=UNTESTED)
+            words.append(Word("beyond the fabric's tests", (at[-1], values[-1]), style.SOFT, 8.0))
         lines.append(np.column_stack([at, values]))
         if len(figures) > 1:
             _name(axes, (at[-1], values[-1]), told.name.replace("_", " "), colour)
@@ -82,6 +88,18 @@ def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> Non
     ]
     write_words(axes, [*named, *words], lines)
     axes.set_ylabel(axis_label(figures))
+
+
+def last_tested(curve: Curve) -> int:
+    """Return the number of the last row up to which the fabric was tested; that of all if unknown.
+
+    The pressure rises with the rows, and the stretch hardly ever falls.
+    """
+    if curve.tested is None:
+        return len(curve.rows) - 1
+    most = (1 + BEYOND) * curve.tested
+    beyond = [row.get("stretch_use", 0.0) > most for row in curve.rows]
+    return max(0, beyond.index(True) - 1) if True in beyond else len(beyond) - 1
 
 
 def _name(axes: Axes, at: tuple[float, float], name: str, colour: str) -> None:

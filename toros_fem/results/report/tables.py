@@ -16,19 +16,17 @@ from toros_fem.measures.figures import (
     verdict_of,
 )
 from toros_fem.measures.miss import is_of_shape
+from toros_fem.results.console import duration
 from toros_fem.results.runs.run_folder import Run
 from toros_fem.results.runs.summary_file import Summary
+from toros_fem.results.warnings import notes_at
 
 # Units that metrics have, which a run that was stopped does not tell by its figures.
 METRIC_UNITS = ("deg", "percent", "mm", "ratio")
 # Columns of the history that do not name their unit.
 BARE = {"pressure": "pa", "perimeter": "m"}
-# What faults of a print end in, as sentences.
-THAN = {
-    "islands": "nothing but the fabric",
-    "narrow_places": "the printer's least line",
-    "tight_places": "the printer's least gap",
-}
+# Units of figures that a terminal does not tell.
+UNTOLD = ("m3", "use")
 Pairs = list[tuple[str, str]]
 
 
@@ -104,6 +102,45 @@ def verdict(run: Run) -> tuple[str, list[str]]:
     return word, [*found, *([f"What binds: {'; '.join(binding)}."] if binding else [])]
 
 
+def as_text(run: Run) -> str:
+    """Return verdict, figures, what binds and warnings as lines for a terminal."""
+    entries, designed = run.summary.entries, run.summary.entries.get("design") or {}
+    laid = "lines" in entries and not entries.get("densities_kept")
+    figures = [
+        figure
+        for figure in run.summary.figures.values()
+        if figure.unit not in UNTOLD and (figure.state or not is_of_shape(figure))
+    ]
+    rows = [
+        [
+            figure.label,
+            figure.shown,
+            figure.asked,
+            "" if laid or figure.key not in designed else figure.rounded(designed[figure.key]),
+            figure.state or "",
+        ]
+        for figure in figures
+    ]
+    value = "as printed" if "design" in entries or entries.get("pattern") else "value"
+    table = Table(["", value, "target", "as designed", "state"], rows)
+    widths = [max(map(len, column)) for column in zip(table.head, *table.rows, strict=True)]
+    lines = [
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in (table.head, *table.rows)
+    ]
+    state = (entries.get("verdict") or {}).get("state")
+    seconds = (entries.get("seconds") or {}).get("total")
+    told = [state.capitalize()] if state else []
+    told += [f"  {line}" for line in lines if line]
+    told += [f"  computed in {duration(seconds)}"] if seconds is not None else []
+    for title, texts in (
+        ("What binds:", (entries.get("verdict") or {}).get("binding") or ()),
+        ("Warnings:", warnings(run)),
+    ):
+        told += [title, *(f"  {text}" for text in texts)] if texts else []
+    return "\n".join(told)
+
+
 def further_figures(run: Run) -> Pairs:
     """Return names and values of the other figures."""
     entries, found = run.summary.entries, Pairs()
@@ -163,41 +200,19 @@ def tolerances(run: Run) -> tuple[list[str], Table]:
 
 def warnings(run: Run) -> list[str]:
     """Return what a reader must know before trusting the figures, as sentences."""
-    entries, found = run.summary.entries, []
-    made, curve = entries.get("manufacture") or {}, entries.get("curve") or {}
-    lift = (entries.get("load") or {}).get("printed") or {}
-    if not run.summary:
-        found.append(
-            "This run has no summary: it was stopped, or it still goes on. What is shown is the "
-            "design so far, not a print."
-        )
-    for what, reason in (
-        ("The print has no equilibrium", entries.get("printed_failure")),
-        ("At the design's pressure", run.note),
-        ("The lift ends early", lift.get("failure")),
-        ("The discretisation error is unknown", (entries.get("errors") or {}).get("failure")),
-        ("The curve ends before lower pressures", curve.get("failure_below")),
-        ("The curve ends before higher pressures", curve.get("failure_above")),
-    ):
-        if reason:
-            found.append(f"{what}: {reason}")
-    if (entries.get("length_scale") or {}).get("satisfied") is False:
-        found.append("The design violates its constraints on the widths of lines and gaps.")
-    for key, one, many in (
-        ("islands", "island of the print hangs on", "islands of the print hang on"),
-        ("narrow_places", "place is narrower than", "places are narrower than"),
-        ("tight_places", "gap is narrower than", "gaps are narrower than"),
-    ):
-        if number := made.get(key):
-            found.append(f"{number} {one if number == 1 else many} {THAN[key]}.")
-    for name, frames in run.series.items():
-        noted = [frame for frame in frames if frame.note and frame.note != run.note]
-        if name != "iteration" and noted:
-            pressures = [frame.values.get("pressure_pa", 0.0) / 1e3 for frame in noted[:6]]
-            at = ", ".join(f"{pressure:.4g} kPa" for pressure in pressures)
-            more = ", …" if len(noted) > 6 else ""
-            found.append(f"At {at}{more}: {noted[0].note}")
-    return list(dict.fromkeys(found))
+    if run.summary:
+        return list(run.summary.entries.get("warnings") or ())
+    notes = [
+        (frame.values.get("pressure_pa", 0.0), frame.note)
+        for name, frames in run.series.items()
+        for frame in frames
+        if name != "iteration"
+    ]
+    return [
+        "This run has no summary: it was stopped, or it still goes on. What is shown is the "
+        "design so far, not a print.",
+        *notes_at(notes),
+    ]
 
 
 def inputs(run: Run) -> tuple[Pairs, Pairs]:

@@ -41,8 +41,10 @@ from toros_fem.results.runs.files import RECORD, SCENE, STATE
 from toros_fem.results.runs.journal import RunJournal
 from toros_fem.results.runs.lock import FolderLock
 from toros_fem.results.runs.signals import Signals
+from toros_fem.results.warnings import WarningList
 
 log = logging.getLogger(__name__)
+PACKAGE = "toros_fem"
 
 T = TypeVar("T")
 
@@ -82,7 +84,8 @@ class OpenRun:
     """An open run folder, made by `open_run`; as a context manager it is closed at the end.
 
     While it is open, what designs into this folder keeps its state there and finds it again.
-    `closing` is told how the run ended, and frees the folder's lock.
+    `closing` is told how the run ended, and frees the folder's lock. What the package warns of
+    meanwhile is kept for the summary.
     """
 
     def __init__(
@@ -97,7 +100,7 @@ class OpenRun:
     ) -> None:
         self.comm, self.folder, self.every = comm, folder, every
         self.record, self._closing, self._again = record, closing, again
-        self.signals = Signals(comm, self.stop)
+        self.signals, self.warnings = Signals(comm, self.stop), WarningList()
         self._journal = RunJournal(self)
 
     def journal(self, folder: str | Path) -> RunJournal:
@@ -124,6 +127,7 @@ class OpenRun:
 
     def __enter__(self) -> Self:
         _open[self.folder.resolve()] = self
+        logging.getLogger(PACKAGE).addHandler(self.warnings)
         self.signals.install()
         return self
 
@@ -134,6 +138,7 @@ class OpenRun:
         trace: TracebackType | None,
     ) -> None:
         _open.pop(self.folder.resolve(), None)
+        logging.getLogger(PACKAGE).removeHandler(self.warnings)
         self.signals.restore()
         number, late = self.signals.stopped_at_once, None
         if number and not isinstance(error, RunStoppedError):

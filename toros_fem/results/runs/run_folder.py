@@ -14,6 +14,7 @@ from toros_fem.base.files import read_bytes, read_json, reading
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import ShownSkin, read_skin
 from toros_fem.results.runs.summary_file import Summary, summary_of
+from toros_fem.results.warnings import known_use
 
 # Series in the order of the page's sliders.
 SERIES = ("pressure", "iteration", "gait", "load")
@@ -42,6 +43,7 @@ class Curve:
         pressure: Pressure of the design in Pa; None for none.
         broken: Whether it ends for want of an equilibrium, at its lower and upper end.
         finer: Whether figures at the pressure of the design come from a finer mesh.
+        tested: Part of the stretch bounds up to which the fabric was tested; None if unknown.
     """
 
     rows: Sequence[Mapping[str, float]]
@@ -49,6 +51,7 @@ class Curve:
     measured: Sequence[Measured] = ()
     broken: tuple[bool, bool] = (False, False)
     finer: bool = False
+    tested: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +93,8 @@ class Run:
         measured = [Measured(*map(one.get, names)) for one in told.get("measured") or ()]
         broken = bool(told.get("failure_below")), bool(told.get("failure_above"))
         rows = [row for row in self.curve if math.isfinite(row.get("pressure_pa", math.nan))]
-        return Curve(rows, pressure, measured, broken, self.finer)
+        tested = known_use(self.summary.entries)
+        return Curve(rows, pressure, measured, broken, self.finer, tested)
 
 
 def read_run(folder: str | Path) -> Run:
