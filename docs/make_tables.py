@@ -1,4 +1,4 @@
-"""Make the tables of the docs that come from code, as CSV files that any reader shows.
+"""Make the tables of the docs that come from code, in Markdown that any reader shows.
 
     python3 docs/make_tables.py
 
@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import csv
 import inspect
-import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 
 import toros_fem
@@ -21,7 +21,7 @@ from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.plausibility import RANGES
 
-FOLDER = Path(__file__).resolve().parent / "reference"
+DOCS = Path(__file__).resolve().parent
 Rows = Iterable[Sequence[str]]
 
 
@@ -90,17 +90,51 @@ def names() -> Rows:
             yield name, (inspect.getdoc(thing) or "").partition("\n")[0]
 
 
-TABLES = {table.__name__: table for table in (scene_keys, usual_ranges, materials, names)}
+def csv_file(path: Path) -> Rows:
+    """Yield the rows of a file."""
+    with path.open(encoding="utf-8", newline="") as file:
+        yield from csv.reader(file)
 
 
-def texts() -> Iterator[tuple[Path, str]]:
-    """Yield the file of each table, and its text."""
-    for name, table in TABLES.items():
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(table())
-        yield FOLDER / f"{name}.csv", text.getvalue()
+RESULTS = DOCS.parent / "toros_fem" / "results"
+# Tables by the mark at their place: the page, the rows, and the columns of names.
+TABLES: dict[str, tuple[str, Callable[[], Rows], tuple[int, ...]]] = {
+    "keys of scenes": ("reference/scene_keys.md", scene_keys, (0, 1)),
+    "usual ranges": ("reference/scene_keys.md", usual_ranges, ()),
+    "materials": ("materials.md", materials, (1,)),
+    "names": ("reference/index.md", names, (0,)),
+    "columns": ("reference/columns.md", partial(csv_file, RESULTS / "columns.csv"), (0, 2)),
+    "files": ("reference/files.md", partial(csv_file, RESULTS / "files.csv"), (0,)),
+    "limits": ("limits.md", partial(csv_file, DOCS / "limits.csv"), ()),
+}
+
+
+def markdown(rows: Rows, code: Sequence[int]) -> str:
+    """Return rows as a table of Markdown, the first one its head; some columns hold names."""
+    lines = []
+    for number, texts in enumerate(rows):
+        cells = [" ".join(text.split()).replace("|", r"\|") for text in texts]
+        if number:
+            cells = [f"`{c}`" if k in code and c else c for k, c in enumerate(cells)]
+        lines.append(f"| {' | '.join(cells)} |")
+        lines += ["|" + "---|" * len(cells)] if number == 0 else []
+    return "\n".join(lines)
+
+
+def pages() -> dict[Path, str]:
+    """Return the text of each page with its tables."""
+    found: dict[Path, str] = {}
+    for mark, (page, rows, code) in TABLES.items():
+        path = DOCS / page
+        text = found.get(path) or path.read_text(encoding="utf-8")
+        head, begin, rest = text.partition(f"<!-- {mark} -->\n")
+        _, end, tail = rest.partition(f"<!-- end of {mark} -->\n")
+        if not begin or not end:
+            raise SystemExit(f"{path} has no place for the table {mark!r}")
+        found[path] = f"{head}{begin}\n{markdown(rows(), code)}\n\n{end}{tail}"
+    return found
 
 
 if __name__ == "__main__":
-    for path, text in texts():
+    for path, text in pages().items():
         path.write_text(text, encoding="utf-8")

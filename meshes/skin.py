@@ -15,12 +15,12 @@ from mpi4py import MPI
 
 from toros_fem.base import compat
 from toros_fem.base.array_types import Floats, Ints, LocalInts
-from toros_fem.base.errors import PatternError, UnitWarning
-from toros_fem.base.mpi import Distributed, collective, gather_by_index, warn_together
+from toros_fem.base.errors import PatternError
+from toros_fem.base.mpi import Distributed, collective, gather_by_index
 from toros_fem.base.validation import require_kind
 from toros_fem.meshes.pattern import Pattern
 
-# Sizes in m, of the bounding box's diagonal, beyond which a unit is in doubt.
+# Sizes in m, of the bounding box's diagonal, beyond which a unit is wrong.
 SMALLEST, LARGEST = 1e-4, 10.0
 
 
@@ -94,10 +94,8 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
 
     Raises:
         ParameterError: The pattern is no `Pattern`, or not the same on all ranks.
-        PatternError: There are more ranks than triangles.
-
-    Warns:
-        UnitWarning: The skin is smaller than 0.1 mm or larger than 10 m.
+        PatternError: There are more ranks than triangles, or the skin is smaller than 0.1 mm or
+            larger than 10 m.
     """
     require_kind("pattern", pattern, Pattern, "a Pattern, by meshes.cylinder for instance")
     if comm.size > len(pattern.panel):
@@ -106,11 +104,9 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
             "needs one. Use fewer ranks, or a finer mesh."
         )
     if not SMALLEST <= pattern.size <= LARGEST:
-        warn_together(
-            comm,
-            f"the skin is {pattern.size:.3g} m across; skins are {SMALLEST:g} m to {LARGEST:g} m. "
-            "All lengths are in m. From millimetres? Give scale = 1e-3 where it is read.",
-            UnitWarning,
+        raise PatternError(
+            f"the skin is {pattern.size:.3g} m across; possible is {SMALLEST:g} to {LARGEST:g} m. "
+            "All lengths are in m. From millimetres? Give scale = 1e-3 where it is read."
         )
     root = comm.rank == 0
     points, triangles = pattern.points, pattern.triangles

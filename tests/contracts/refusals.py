@@ -166,6 +166,9 @@ MESHES: Table = {
     "planes are a number": lambda s: m.cylinder(s.comm, 0.1, 0.02, 5e-3, planes=1),
     "comm is None": lambda s: m.cylinder(None, 0.1, 0.02, 5e-3),
     "comm is text": lambda s: tf.sew("world", s.pattern),
+    "a skin in the wrong unit": lambda s: tf.sew(
+        s.comm, tf.meshes.rectangle(s.comm, 150.0, 20.0, 5.0)
+    ),
     "rectangle's place is text": lambda s: m.rectangle(s.comm, 0.1, 0.1, 0.02, place="up"),
     "disc of negative radius": lambda s: m.disc(s.comm, -1.0, 0.1),
     "outline is text": lambda s: m.two_panels(s.comm, "square", 4e-3),

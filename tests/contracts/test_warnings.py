@@ -45,9 +45,6 @@ def misspelt(comm: MPI.Comm) -> None:
 
 # Each place that warns: its file and how many there are, and calls that lead there.
 WARNS: dict[str, list[tuple[type[TorosWarning], Callable[[MPI.Comm], object]]]] = {
-    "meshes/skin.py": [
-        (UnitWarning, lambda c: tf.sew(c, cylinder(c, 30.0, 2.0, 0.5, mesh="structured")))
-    ],
     "toros_fem/design/density/neighbours.py": [
         (ResolutionWarning, lambda c: make_filter("cone", tf.sew(c, tube(c)), 9e-3))
     ],

@@ -1,7 +1,5 @@
 """The documentation site: every page is on it, every link works, every public name is in it."""
 
-import csv
-import io
 import os
 import re
 import runpy
@@ -75,26 +73,22 @@ def test_files_that_pages_name_exist() -> None:
 
 
 def test_tables_of_the_docs_are_those_of_the_code() -> None:
-    """They are files, so that a reader of the checkout has them too."""
     made = runpy.run_path(str(DOCS / "make_tables.py"))
-    texts = dict(made["texts"]())
-    stale = [p.name for p, text in texts.items() if p.read_text(encoding="utf-8") != text]
+    stale = [p.name for p, text in made["pages"]().items() if p.read_text("utf-8") != text]
     assert stale == [], "run python3 docs/make_tables.py"
-    tables = {path.stem: list(csv.reader(io.StringIO(text))) for path, text in texts.items()}
+    tables = {mark: [*rows()] for mark, (_, rows, _) in made["TABLES"].items()}
     assert all(len({len(row) for row in rows}) == 1 for rows in tables.values())
-    listed = {name for row in tables["scene_keys"][1:] for name in row[-1].split(", ")}
+    listed = {name for row in tables["keys of scenes"][1:] for name in row[-1].split(", ")}
     assert listed == set(KINDS)
-    assert len(tables["usual_ranges"]) == 1 + len(RANGES)
+    assert len(tables["usual ranges"]) == 1 + len(RANGES)
     assert {row[1] for row in tables["materials"][1:]} == set(read_library())
     assert {row[0] for row in tables["names"][1:]} == set(toros_fem.public.__all__) - ALONE
 
 
-def test_every_table_of_the_site_is_a_file_to_be_opened() -> None:
-    """A checkout shows neither tables from files nor other directives."""
-    for page in PAGES:
-        text = page.read_text(encoding="utf-8")
-        for file in re.findall(r"^:file: (\S+)$", text, re.MULTILINE):
-            assert f"]({file})" in text, f"{page.name} needs a link to {file}"
+def test_tables_are_plain_markdown() -> None:
+    """A reader of the checkout sees no table that a directive would fetch from a file."""
+    fetched = [page.name for page in PAGES if "csv-table" in page.read_text(encoding="utf-8")]
+    assert fetched == []
 
 
 def test_the_first_page_has_links_to_all_pages() -> None:

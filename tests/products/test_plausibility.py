@@ -7,15 +7,17 @@ import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
+import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.design.density.neighbours import RESOLVED
 from toros_fem.meshes import cylinder
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh.own_mesh import OwnMeshScene, OwnSkin
-from toros_fem.products.plausibility import RANGES, doubts
+from toros_fem.products.plausibility import RANGES, doubts, target_doubts
 
 SCENES = sorted((ROOT / "demos" / "scenes").glob("*.toml"))
 
@@ -320,3 +322,45 @@ def test_a_line_on_the_axis_may_keep_its_length() -> None:
         return next(group.value for group in scene.groups() if group.name == "bound")
 
     assert strain(0.0) == pytest.approx(strain(None) / 2)
+
+
+def case_of(factor: float) -> tf.Case:
+    """A tube whose target is it, a factor as large."""
+    pattern = cylinder(MPI.COMM_SELF, 0.06, 0.02, 5e-3, mesh="structured")
+    held = tf.clamp(pattern, ["base"])
+    return tf.Case(pattern, factor * pattern.points, held, 5e3, parts=[tf.ShapePart()])
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1.0, ""),
+        (1.4, ""),
+        (0.97, "its area is 94% of that of the cut panels"),
+        (2.0, "on 100% of its area the fabric stretches by more than c1 = 1.9 (up to 2)"),
+    ],
+)
+def test_a_target_that_no_fabric_takes_is_doubted(factor: float, said: str) -> None:
+    found = target_doubts(case_of(factor))
+    assert len(found) == bool(said)
+    assert said in "".join(found)
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_targets_of_the_demos_are_beyond_doubt(path: Path) -> None:
+    read = read_scene(path, coarse=True)
+    if isinstance(read.config, ActuatorScene):
+        config = read.config.with_files(MPI.COMM_SELF, read.files)
+        assert target_doubts(config.case(MPI.COMM_SELF, config.levels[0])) == []
+
+
+def test_check_tells_doubts_of_a_target(
+    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A bend about a line on the outer side of the axis shortens most of the wall."""
+    path = tmp_path / "a.toml"
+    path.write_text('kind = "bend"\n[target]\nneutral = "-4 mm"\n', encoding="utf-8")
+    assert run(alone, ["check", str(path), "--coarse", "--no-probe"]) == 0
+    said = capsys.readouterr()
+    assert "doubt       target: its area is " in said.out
+    assert 'edge_length = "2.8 mm" (not "1.4 mm")' in said.err

@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 from mpi4py import MPI
 
+from toros_fem.base.units import duration
 from toros_fem.design.loop.options import Iteration
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
-from toros_fem.results.console import ProgressBar, duration, header, line, print_step
+from toros_fem.results.console import ProgressBar, header, line, print_step
 
 
 def row(metrics: dict[str, float]) -> Iteration:

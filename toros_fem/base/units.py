@@ -100,3 +100,11 @@ def write_quantity(value: float, unit: str) -> str:
     if "." in plain:
         plain = plain.rstrip("0").rstrip(".")
     return f"{plain if len(plain) < 18 else scaled} {chosen}"
+
+
+def duration(seconds: float) -> str:
+    """Return a time in h, min or s, in about two digits."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    number, unit = (seconds / 60, "min") if seconds < 3600 else (seconds / 3600, "h")
+    return f"{number:.1f} {unit}" if number < 10 else f"{number:.0f} {unit}"

@@ -12,15 +12,23 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
+from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Composite
+from toros_fem.measures.shape import ShapePart
+from toros_fem.mechanics.skin.stretch_bounds import singular_values
+from toros_fem.meshes.triangles import gradients, surface_areas
 
 log = logging.getLogger(__name__)
 
 INFINITE = math.inf
+# Area of a target over that of the cut panels below which it is in doubt, and part of its area
+# that may stretch beyond the bound: single triangles do so at sharp bends of a map.
+SHRUNK, BEYOND = 0.95, 0.01
 # Lengths that are units of files.
 UNITS = ("scale", "object_scale")
 
@@ -304,12 +312,43 @@ def doubts(scene: Scene, simulated: bool = False) -> list[str]:
     return found if simulated else [*found, *_idle(scene)]
 
 
-def warn_of_doubts(comm: MPI.Comm, scene: Scene, simulated: bool = False) -> None:
-    """Log `doubts` on the first rank."""
-    doubtful = doubts(scene, simulated)
+def warn_of_doubts(
+    comm: MPI.Comm, scene: Scene, *, case: Case | None = None, simulated: bool = False
+) -> None:
+    """Log `doubts` on the first rank, and those of the target of a case."""
+    doubtful = [*doubts(scene, simulated), *([] if case is None else target_doubts(case))]
     if comm.rank == 0:
         for one in doubtful:
             log.warning("%s", one)
+
+
+def target_doubts(case: Case) -> list[str]:
+    """Return what is doubtful about a target whose whole shape counts, as sentences.
+
+    It is a map: each triangle of the cut panels has its place there. Of cross-sections the walls
+    may swell freely, and nothing is told.
+    """
+    if not any(isinstance(part, ShapePart) for part in case.parts):
+        return []
+    pattern, target = case.pattern, np.asarray(case.target)
+    areas, bound = pattern.areas, (case.composite or Composite()).fabric_bounds[0]
+    corners = target[pattern.triangles]
+    largest, _ = singular_values(np.einsum("tki,tkj->tij", corners, gradients(pattern.corners)))
+    grown = float(surface_areas(target, pattern.triangles).sum() / areas.sum())
+    beyond = float(areas[largest > bound].sum() / areas.sum())
+    found = []
+    if grown < SHRUNK:
+        found.append(
+            f"target: its area is {grown:.0%} of that of the cut panels; no fabric shrinks. Cut a "
+            "smaller skin, or take a larger target."
+        )
+    if beyond > BEYOND:
+        found.append(
+            f"target: on {beyond:.0%} of its area the fabric stretches by more than c1 = {bound:g} "
+            f"(up to {float(largest.max()):.3g}). Cut a larger skin, take a fabric that stretches "
+            "further, or a smaller target."
+        )
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from typing import TypeVar
 from mpi4py import MPI
 from tqdm import tqdm
 
+from toros_fem.base.units import duration
 from toros_fem.design.loop.options import Iteration
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 
@@ -129,11 +130,3 @@ def with_progress(comm: MPI.Comm, items: Iterable[Item], total: int, unit: str) 
             yield item
     finally:
         bar.close()
-
-
-def duration(seconds: float) -> str:
-    """Return a time in h, min or s, in about two digits."""
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    number, unit = (seconds / 60, "min") if seconds < 3600 else (seconds / 3600, "h")
-    return f"{number:.1f} {unit}" if number < 10 else f"{number:.0f} {unit}"

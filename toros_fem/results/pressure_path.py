@@ -22,7 +22,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import RunResult, state_figures
-from toros_fem.results.warnings import notes_at
+from toros_fem.results.runs.warnings import notes_at
 from toros_fem.results.writer import wrinkles_of, write_skin_fields
 
 

@@ -19,7 +19,7 @@ from toros_fem.results.report.notebook import EmbeddedPage, view_of
 from toros_fem.results.runs.files import SUMMARY
 from toros_fem.results.runs.folder import require_open, run_of
 from toros_fem.results.runs.summary_file import figures_html
-from toros_fem.results.warnings import warnings_of
+from toros_fem.results.runs.warnings import warnings_of
 
 
 class RunResult(Distributed, ABC):

@@ -20,7 +20,7 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall
 from toros_fem.measures.miss import shape_figures
 from toros_fem.results.result import RunResult, state_figures
-from toros_fem.results.warnings import notes_at
+from toros_fem.results.runs.warnings import notes_at
 
 
 def shape_problem(result: DesignResult) -> ShapeProblem:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from contextlib import AbstractContextManager
 from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
@@ -15,6 +16,8 @@ from toros_fem.cli.command_line.parser import UsageError
 
 if TYPE_CHECKING:
     from toros_fem.cli.scene_files.reading import SceneFile
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +82,16 @@ class SceneCommand(Changes, Meshes):
 
         scene = read_scene(self.file, comm=comm, coarse=self.coarse, changes=self.set)
         scene.require_files(comm)
+        if self.coarse and comm.rank == 0:
+            plain = read_scene(self.file, changes=self.set).config
+            known = plain.described()
+            told = [
+                f"{name} = {known[name].written(scene.config.value(name))} (not "
+                f"{known[name].written(plain.value(name))})"
+                for name in known
+                if scene.config.value(name) != plain.value(name)
+            ]
+            log.info("--coarse takes %s", ", ".join(told) or "what stands there")
         return scene
 
 

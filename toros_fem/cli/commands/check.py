@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from mpi4py import MPI
 
 from toros_fem.base.keys import key
+from toros_fem.base.units import duration
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scene_options import SceneCommand
 from toros_fem.cli.commands.doctor import memory_gib
 from toros_fem.measures.figures import formatted
 from toros_fem.mechanics.readings.bare_tube import tube_pressure, tube_strains
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.kinds import ABOUT
-from toros_fem.products.plausibility import Inflated, doubts
-from toros_fem.results.console import duration
+from toros_fem.products.plausibility import Inflated, doubts, target_doubts
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.cost import Cost
@@ -61,7 +62,10 @@ class Check(SceneCommand):
         }
         with self.meshes_allowed(), scene.located():
             read = scene.config.with_files(comm, scene.files)
-            figures["doubts"] = doubtful = doubts(read)
+            doubtful = doubts(read)
+            if isinstance(read, ActuatorScene):
+                doubtful += target_doubts(read.case(comm, read.levels[0]))
+            figures["doubts"] = doubtful
             cost_of = getattr(read, "expected_cost", None)
             more = {"from_print": True} if "start_from" in scene.files else {}
             cost = cost_of and cost_of(comm, probing=not self.no_probe, **more)

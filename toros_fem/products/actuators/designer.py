@@ -81,7 +81,8 @@ class Designer(Distributed, DensityDesigner):
 
     def design(self) -> ActuatorResult:
         """Design, and write all results."""
-        warn_of_doubts(self.comm, self.scene)
+        scene, comm = self.scene, self.comm
+        warn_of_doubts(comm, scene, case=scene.case(comm, scene.levels[0]))
         require_affordable_meshes(self.comm, self.scene)
         best, place = self._checked(self._from_seed(0)), 0
         # A given print is the start, whatever the seed.

@@ -26,7 +26,7 @@ from toros_fem.mechanics.paths.trace import follow_pressures
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
 from toros_fem.products.tables.loads import Results
 from toros_fem.results.frames.record import shown_skin, write_path
-from toros_fem.results.warnings import notes_at
+from toros_fem.results.runs.warnings import notes_at
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6

@@ -164,7 +164,7 @@ class GripperScene(ActuatorScene):
     KIND: ClassVar = "gripper"
     FEW: ClassVar = (
         "shape", "size", "mass", "finger_length", "finger_width", "pressure", "friction",
-        "seed",
+        "edge_length", "seed",
     )  # fmt: skip
     TRIAL_MESH: ClassVar = 1 / COARSER  # a lift costs little, and coarse fingers slip off
     COARSE: ClassVar = {"edge_length": 1.5, "filter_radius": 3 / 2}

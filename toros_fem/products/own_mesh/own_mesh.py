@@ -268,8 +268,8 @@ class OwnMeshScene(ActuatorScene):
         "polish_iterations": 1 / 2,
     }
     FEW: ClassVar = (
-        "bend", "twist", "shorten", "axis", "toward", "scale", "refinements", "symmetry",
-        "pressure", "hold_pressure", "seed",
+        "bend", "twist", "shorten", "axis", "toward", "scale", "remesh", "refinements",
+        "symmetry", "pressure", "hold_pressure", "seed",
     )  # fmt: skip
 
     NEEDS: ClassVar = {

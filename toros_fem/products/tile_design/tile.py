@@ -117,7 +117,15 @@ class TileScene(TileDesignScene):
 
     KIND: ClassVar = "tile"
     COARSE: ClassVar = {"edge_length": 1.6, "filter_radius": 8 / 7}
-    FEW: ClassVar = ("target", "stiffness_0", "stiffness_45", "stiffness_90", "size", "seed")
+    FEW: ClassVar = (
+        "target",
+        "stiffness_0",
+        "stiffness_45",
+        "stiffness_90",
+        "size",
+        "edge_length",
+        "seed",
+    )
 
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""

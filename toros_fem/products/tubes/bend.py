@@ -56,7 +56,8 @@ class BendScene(TubeScene):
 
     KIND: ClassVar = "bend"
     FEW: ClassVar = (
-        "angle", "neutral", "length", "diameter", "pressure", "hold_pressure", "seed",
+        "angle", "neutral", "length", "diameter", "edge_length", "pressure", "hold_pressure",
+        "seed",
     )  # fmt: skip
     MEASURED: ClassVar = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
 

@@ -40,7 +40,16 @@ class BendTwistScene(SectionTubeScene):
 
     KIND: ClassVar = "bend-twist"
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "laid_width": 1.0, "second_laid_width": 1.0}
-    FEW: ClassVar = ("angle", "twist", "neutral", "length", "diameter", "pressure", "seed")
+    FEW: ClassVar = (
+        "angle",
+        "twist",
+        "neutral",
+        "length",
+        "diameter",
+        "edge_length",
+        "pressure",
+        "seed",
+    )
 
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""

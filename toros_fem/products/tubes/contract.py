@@ -46,7 +46,7 @@ class ContractScene(SectionTubeScene):
     design: Designing = Designing(start="relaxed", corrections=8, iterations=90)
 
     KIND: ClassVar = "contract"
-    FEW: ClassVar = ("contraction", "length", "diameter", "pressure", "seed")
+    FEW: ClassVar = ("contraction", "length", "diameter", "edge_length", "pressure", "seed")
     MEASURED: ClassVar = (Measurement("shortening_percent", 8.0, 10e3, 7.8, "paper, measured"),)
 
     def groups_of(self, skin: Inflated) -> Iterator[Group]:

@@ -73,7 +73,7 @@ class InflateScene(Scene):
 
     KIND: ClassVar = "inflate"
     COARSE: ClassVar = {"edge_length": 2.0, "levels": 0.5}
-    FEW: ClassVar = ("length", "diameter", "pressure", "highest_pressure", "levels")
+    FEW: ClassVar = ("length", "diameter", "edge_length", "pressure", "highest_pressure", "levels")
 
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""

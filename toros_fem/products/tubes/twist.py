@@ -59,7 +59,15 @@ class TwistScene(SectionTubeScene):
     lines: TwistLines = TwistLines()
 
     KIND: ClassVar = "twist"
-    FEW: ClassVar = ("twist", "keep_length", "length", "diameter", "pressure", "seed")
+    FEW: ClassVar = (
+        "twist",
+        "keep_length",
+        "length",
+        "diameter",
+        "edge_length",
+        "pressure",
+        "seed",
+    )
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "axial_width": 4 / 3}
     NEEDS: ClassVar = dict.fromkeys(
         ("length_ratio", "axial_width", "axial_weight"), ("keep_length", (True,))

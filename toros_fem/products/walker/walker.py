@@ -152,7 +152,7 @@ class WalkerScene(ActuatorScene):
     KIND: ClassVar = "walker"
     FEW: ClassVar = (
         "motion", "aim", "leg_length", "leg_width", "body_radius", "pressure", "feet", "friction",
-        "seed",
+        "edge_length", "seed",
     )  # fmt: skip
     COARSE: ClassVar = {
         "edge_length": 14 / 9,

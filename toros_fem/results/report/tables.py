@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from toros_fem.base.units import duration
 from toros_fem.base.validation import is_number
 from toros_fem.measures.figures import (
     NONE,
@@ -16,10 +17,9 @@ from toros_fem.measures.figures import (
     verdict_of,
 )
 from toros_fem.measures.miss import is_of_shape
-from toros_fem.results.console import duration
 from toros_fem.results.runs.run_folder import Run
 from toros_fem.results.runs.summary_file import Summary
-from toros_fem.results.warnings import notes_at
+from toros_fem.results.runs.warnings import notes_at
 
 # Units that metrics have, which a run that was stopped does not tell by its figures.
 METRIC_UNITS = ("deg", "percent", "mm", "ratio")

@@ -41,7 +41,7 @@ from toros_fem.results.runs.files import RECORD, SCENE, STATE
 from toros_fem.results.runs.journal import RunJournal
 from toros_fem.results.runs.lock import FolderLock
 from toros_fem.results.runs.signals import Signals
-from toros_fem.results.warnings import WarningList
+from toros_fem.results.runs.warnings import WarningList
 
 log = logging.getLogger(__name__)
 PACKAGE = "toros_fem"

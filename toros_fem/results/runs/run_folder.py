@@ -14,7 +14,7 @@ from toros_fem.base.files import read_bytes, read_json, reading
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import ShownSkin, read_skin
 from toros_fem.results.runs.summary_file import Summary, summary_of
-from toros_fem.results.warnings import known_use
+from toros_fem.results.runs.warnings import known_use
 
 # Series in the order of the page's sliders.
 SERIES = ("pressure", "iteration", "gait", "load")

@@ -13,7 +13,7 @@ from toros_fem.results.pictures.curves import last_tested
 from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.runs.folder import open_run
 from toros_fem.results.runs.run_folder import Curve
-from toros_fem.results.warnings import known_use, notes_at, warnings_of
+from toros_fem.results.runs.warnings import known_use, notes_at, warnings_of
 
 
 class Told(RunResult):
