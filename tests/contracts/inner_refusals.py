@@ -74,7 +74,6 @@ from toros_fem.mechanics.contact.sliding import Coulomb
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.load_path import LoadPath
-from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.readings.wrinkles import wrinkles
@@ -464,7 +463,6 @@ SOLVES: Table = {
     "an arc length of no density": lambda s: tf.trace(
         s.solver, s.plain - 1, 1e3, by="arc-length"
     ),
-    "states of size 0": lambda s: find_states(s.solver, s.plain, 1e3, size=0.0),
     "a path of no load": lambda s: LoadPath(s.solver, []),
     "pressures of two steps for one": lambda s: LoadPath(s.solver, [Load(2e3)]).solve(
         s.plain, np.ones((2, 1))
