@@ -73,7 +73,6 @@ from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
 from toros_fem.mechanics.contact.sliding import Coulomb
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
-from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.readings.wrinkles import wrinkles
@@ -462,13 +461,6 @@ SOLVES: Table = {
     "an arc length into vacuum": lambda s: tf.trace(s.solver, s.plain, -1.0, by="arc-length"),
     "an arc length of no density": lambda s: tf.trace(
         s.solver, s.plain - 1, 1e3, by="arc-length"
-    ),
-    "a path of no load": lambda s: LoadPath(s.solver, []),
-    "pressures of two steps for one": lambda s: LoadPath(s.solver, [Load(2e3)]).solve(
-        s.plain, np.ones((2, 1))
-    ),
-    "slopes of no step for one": lambda s: LoadPath(s.solver, [Load(2e3)]).gradient(
-        s.plain, LoadPath(s.solver, [Load(2e3)]).solve(s.plain), []
     ),
     "an error with forces": lambda s: estimate_error(
         s.solver,

@@ -14,7 +14,6 @@ from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
 from toros_fem.mechanics.contact.solids import rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp_where
@@ -44,10 +43,10 @@ def tube_on_floor_and_ball(skin: Skin, **more: Any) -> EquilibriumSolver:
     return solver_on_base(skin, contact=contact, **more)
 
 
-def dragged(comm: MPI.Comm) -> LoadPath:
-    """A sheet over a cylinder and the ground, dragged by one edge, and partly back.
+def dragged(comm: MPI.Comm) -> tuple[EquilibriumSolver, Load, Load]:
+    """A sheet over a cylinder and the ground, put down, then dragged by one edge.
 
-    Vertices stick and slide on both.
+    Vertices then stick and slide on both.
     """
     points = square(n=5).points.copy()
     points[:, 2] = 3e-4
@@ -62,18 +61,14 @@ def dragged(comm: MPI.Comm) -> LoadPath:
     edge = clamp_where(pattern, lambda x: x[:, 0] < 1e-9)
     solver = EquilibriumSolver(sew(comm, pattern), Composite(), edge, EXACT, contact=touched)
     down = np.tile([0.0, 0.01, -0.05], (len(points), 1))
-    steps = []
-    for ahead, turn in ((0.0, 0.0), (2e-5, 5e-3), (3e-4, 5e-3), (2.5e-4, 2e-2)):
-        moved = np.tile([-ahead, 0.3 * ahead, 0.0], (len(points), 1))
-        pose = np.array([[0.0, 0.0, 0.0, 0.0, turn, 0.0]])
-        steps.append(Load(0.0, force=down * (1 + 1e3 * ahead), displacement=moved, poses=pose))
-    return LoadPath(solver, steps)
+    moved = np.tile([-1e-4, 3e-5, 0.0], (len(points), 1))
+    pose = np.array([[0.0, 0.0, 0.0, 0.0, 5e-3, 0.0]])
+    return solver, Load(0.0, force=down), Load(0.0, 1.1 * down, moved, poses=pose)
 
 
-def on_pads(skin: Skin) -> LoadPath:
-    """The short tube, heavy and on pads, inflated and emptied again: all that a walker has."""
+def on_pads(skin: Skin) -> EquilibriumSolver:
+    """The short tube, heavy and on pads: all that a walker has."""
     pattern = skin.pattern
     pads = Pads(pattern.points[:, 2] > 0.03, (0.0, 0.0, 1.0), 0.2, 0.7)
     weight, contact = Weight(0.3, 0.6, (-9.81, 0.0, 0.0)), Contact(FLOOR, friction=0.4, pads=pads)
-    solver = solver_on_base(skin, options=EXACT, weight=weight, contact=contact)
-    return LoadPath(solver, [Load(4e3), Load(2e3)])
+    return solver_on_base(skin, options=EXACT, weight=weight, contact=contact)

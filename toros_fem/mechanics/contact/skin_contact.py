@@ -293,22 +293,3 @@ class SkinContact(Term):
         found = self._core(lambda core: core.coupling(*at, skin, turn, transposed=transposed))
         self._add(out, *found)
         return out
-
-    def begin_step_backward(self, x: Floats, adjoint: Floats) -> Floats:
-        """Return Σ adjoint · d(force)/d(anchors at the begin), (sides, n, 3), on all ranks.
-
-        x is the state of the last `lag_friction`.
-        """
-        at, whole = self._at(x), self._skin.gather_vertices(positions(self._skin, adjoint))
-        return self._core(lambda core: core.begin_backward(*at, whole))
-
-    def end_step_backward(self, x: Floats, slope: Floats) -> tuple[Floats, Floats]:
-        """Return the derivatives of Σ slope · anchors at the end, by state and by the begin.
-
-        x is the state of the last `lag_friction`. The slope is (sides, n, 3), equal on all ranks.
-        """
-        at = self._at(x)
-        skin, by_anchor = self._core(lambda core: core.end_backward(*at, slope))
-        out = np.zeros_like(x)
-        positions(self._skin, out)[:] = skin[self._skin.owned_vertices]
-        return out, by_anchor
