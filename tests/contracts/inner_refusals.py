@@ -311,7 +311,7 @@ BODIES: Table = {
            name="ball", radius=1),
     **each(rigid_box, {"size": (1, 0, 1)}, name="box"),
     **each(rigid_cylinder, {"axis": (0, 0, 0)}, {"length": 0}, name="rod", radius=1, length=1),
-    "a body of mass 0": lambda s: replace(CRATE, mass=0),
+    "a body that is half free": lambda s: replace(CRATE, free=0.5),
     "a body without a name": lambda s: replace(CRATE, name=""),
     "a body with a border": lambda s: replace(CRATE, triangles=CRATE.triangles[1:]),
     "a body's point is NaN": lambda s: replace(CRATE, points=changed(CRATE.points, 0, NAN)),

@@ -466,10 +466,10 @@ def at_its_bound(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
     return solver, cells(skin, 3, 0.2, 0.8), 5e3
 
 
-def under_a_ball(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
-    """A free ball lies in a stretched sheet."""
-    solver = sheet_with_ball(comm, options=EXACT)
-    return solver, cells(solver.skin, 3, 0.01, 0.03), 0.0
+def under_a_ball(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, Load]:
+    """A plate presses a free ball into a stretched sheet."""
+    solver, load = sheet_with_ball(comm, options=EXACT)
+    return solver, cells(solver.skin, 3, 0.01, 0.03), load
 
 
 def touching(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
@@ -478,8 +478,8 @@ def touching(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
 
 
 def with_friction(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, Load, Load]:
-    solver, *loads = dragged(comm)
-    return solver, cells(solver.skin, 1, 0.25, 0.35), *loads
+    solver, put_down, drag = dragged(comm)
+    return solver, cells(solver.skin, 1, 0.25, 0.35), put_down, drag
 
 
 def padded(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:

@@ -76,7 +76,7 @@ def test_a_load_has_only_what_the_skin_has(two: SkinModel) -> None:
     load = Load(force=force).on(two)
     force[:] = 7.0
     assert load.force.max() == 1.0
-    assert load.weight_fraction == load.bodies_fraction == 0.0
+    assert load.weight_fraction == 0.0
 
 
 def test_a_border_must_stay_in_its_symmetry_plane(alone: MPI.Comm) -> None:

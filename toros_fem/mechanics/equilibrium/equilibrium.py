@@ -106,7 +106,6 @@ class Equilibrium(Distributed):
         found["history"] = [asdict(row) for row in self.history]
         found["begin"] = None if self.begin is None else self.begin.tolist()
         found["weight_fraction"] = self.load.weight_fraction
-        found["bodies_fraction"] = self.load.bodies_fraction
         return found
 
 

@@ -217,7 +217,6 @@ class EquilibriumSolver(TangentSolver):
             pressure=numbers["pressures"],
             poses=numbers["poses"],
             weight_fraction=numbers["weight_fraction"],
-            bodies_fraction=numbers["bodies_fraction"],
         )
         acting, density = given.on(model), model.design.check(density)
         state, read = model.patch.scatter(unknowns), numbers_read(numbers)

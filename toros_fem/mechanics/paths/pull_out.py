@@ -60,7 +60,7 @@ def pull_out(
     tells what becomes of all forces. Friction acts from its begin on.
 
     Args:
-        solver: Equilibrium solver with contact; the body is held or moved, without a mass.
+        solver: Equilibrium solver with contact; the body is not free.
         load: What acts, but for the poses of bodies; a number is a pressure in Pa.
         depths: Distances in m by which the body is pulled, ascending from 0.
         direction: Direction of the pull, (3,); its length does not matter.
