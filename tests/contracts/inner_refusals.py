@@ -35,7 +35,7 @@ from contracts.refusals import (
     each,
 )  # fmt: skip
 from toros_fem import meshes as m
-from toros_fem.design.density.bar_width import offset_thresholds, threshold_for_width
+from toros_fem.design.density.bar_width import threshold_for_width
 from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
@@ -566,9 +566,6 @@ DESIGNS: Table = {
     "a cone of radius -1": lambda s: cone_filter(s.skin, -1.0),
     **{f"{name} lines of 3 radii": lambda s, name=name: threshold_for_width(name, 3.0)
        for name in ("cone", "helmholtz")},
-    **{f"{name} offsets that are too small": lambda s, name=name: offset_thresholds(name, 1e-4)
-       for name in ("cone", "helmholtz")},
-    "offsets that vanish": lambda s: offset_thresholds("cone", 0.3, 0.99),
     "lines of 10 cm": lambda s: _widths(s, True, line_width=0.1),
     "no triangle has widths": lambda s: _widths(s, False),
     "random densities below 0": lambda s: random_density(s.skin, 7, 0.1, spread=0.2),

@@ -15,7 +15,6 @@ from helpers.designs import (
     make_problem,
     passive_in,
     widths_of,
-    with_variants,
 )  # fmt: skip
 from helpers.line_fields import two_sheets
 from helpers.models import line_design
@@ -342,12 +341,6 @@ def relaxed(families: Families, comm: MPI.Comm) -> ShapeProblem:
     return relaxed_problem(density_problem(comm), families, 0.015, share_weight=0.05, crossing=0.3)
 
 
-def robust(comm: MPI.Comm) -> ShapeProblem:
-    """Eroded and dilated patterns too."""
-    plain = density_problem(comm)
-    return with_variants(plain, lambda: solver_on(plain.skin), 1e5)
-
-
 def tile_problem(
     objective: ProfileObjective,
     symmetry: str,
@@ -520,7 +513,6 @@ ROWS: dict[str, Make] = {
     "objective of a whole": partial(of_shape, half_tube, of_whole),
     "holding force": partial(of_shape, partial(square, n=5), held, disturbed=1e-3, step=1e-6),
     "design of a density": partial(designed, density_problem),
-    "design, robust": partial(designed, robust),
     "design of fixed lines": partial(designed, partial(relaxed, FAMILIES["fixed"])),
     "design of free lines": partial(designed, partial(relaxed, FAMILIES["free"]), low=0.55),
     "design of a tile": partial(designed, partial(TILE, batched=False)),

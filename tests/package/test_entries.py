@@ -44,7 +44,6 @@ EXEMPT = {
     "toros_fem.design.density.linear.*": "parts of a filter, whose maker compares",
     "toros_fem.design.loop.fields.*": EVALUATION,
     "toros_fem.design.loop.physics.*": EVALUATION,
-    "toros_fem.design.loop.robust.*": EVALUATION,
     "toros_fem.design.loop.problem.*": EVALUATION,
     "toros_fem.design.mma.optimizer.*": EVALUATION,
     "toros_fem.design.loop.levels.optimize_levels": "compares once it has its first problem",

@@ -292,7 +292,7 @@ class _Run:
 
     def stage(self, number: int, stage: Stage, saved: Archive | None, *, last: bool) -> None:
         """Run one stage from the current design, or from a saved state of it (fig. 2)."""
-        problem = self.problem if stage.robust else self.problem.without_variants()
+        problem = self.problem
         if stage.beta is not None:
             problem = problem.changed(fields=problem.fields.with_beta(stage.beta))
         found = self.first_design(problem, number, saved)

@@ -30,7 +30,6 @@ from toros_fem.products.actuators.densities import (
     DensityDesigner,
     other_ways,
     problem_of,
-    robust_figures,
 )
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import (
@@ -158,7 +157,7 @@ class Designer(Distributed, DensityDesigner):
             result, printed, rounds = self.corrected(*made)
         if self.source is None and problem_of(result).fields.centre is not None:
             search = replace(search, start="pattern")
-        search = replace(search, rounds=rounds, robust=robust_figures(result, printed))
+        search = replace(search, rounds=rounds)
         return self._found(result, printed, search)
 
     def _tried_otherwise(
@@ -208,7 +207,6 @@ class Designer(Distributed, DensityDesigner):
             scene.design.seed,
             "relaxed",
             len(found.rounds) - 1,
-            robust=None if better is None else robust_figures(*better),
             lines=found,
             densities_kept=better is not None,
         )

@@ -124,13 +124,6 @@ class MeshedScene(Scene):
                     "starts",
                 )
             _ = self.line_options  # wrong widths are told before the design, not after it
-            if self.design.width_tolerance is not None and not self.lines.density_iterations:
-                raise ParameterError(
-                    f"width_tolerance = {self.design.width_tolerance} m would not count: lines "
-                    "that are laid have their widths given. Set density_iterations, or "
-                    "start = 'random'.",
-                    "width_tolerance",
-                )
 
     @property
     def edge_length(self) -> float | None:

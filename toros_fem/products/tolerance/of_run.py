@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
@@ -49,8 +48,6 @@ def tolerances_of_run(
         raise NoEquilibriumError(f"the print has no equilibrium: {failure}")
     scene = scene.with_files(comm, files)
     level = scene.print_level if scene.design.start == "relaxed" else scene.finest_level
-    # A print has no eroded and dilated densities.
-    level = replace(level, regularisation=replace(level.regularisation, width_tolerance=None))
     case = scene.case(comm, level)
     stored = read_print_polygons(comm, folder)
     fine = case_of_print(comm, case, stored.pattern, stored.regions)
