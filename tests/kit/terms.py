@@ -157,7 +157,7 @@ TERMS = {
         composite=replace(TIGHT, bending=None, membrane=Membrane("tension-field", 1e-3))
     ),
     "average curvature": bent("average"),
-    "quadratic curvature at a mirror": bent("quadratic", skin=OPEN),
+    "average curvature at a mirror": bent("average", skin=OPEN),
     "hinged seams": bent("midedge", "hinged"),
     "assembled rest at a mirror": bent("midedge", "continuous", "assembled", skin=OPEN),
     "average curvature, printed outside": bent("average", side="outside"),

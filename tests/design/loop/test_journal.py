@@ -26,7 +26,7 @@ from toros_fem.meshes import Skin, cylinder, sew
 OPTIONS = DesignOptions((Stage(2), Stage(1, constrained=True)))
 
 
-def densities(tube: Skin, curvature: str = "quadratic") -> DesignProblem:
+def densities(tube: Skin, curvature: str = "average") -> DesignProblem:
     """With all that a problem has; nothing is shared with an earlier one but the mesh."""
     composite = Composite(bending=Bending(curvature=curvature))
     return full(tube, solver_on_base(tube, composite), beta=20.0)
