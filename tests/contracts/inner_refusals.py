@@ -73,7 +73,6 @@ from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
 from toros_fem.mechanics.contact.sliding import Coulomb
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
-from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.readings.wrinkles import wrinkles
 from toros_fem.mechanics.skin.chambers import Chambers, chambers_of_panels, find_walls
@@ -462,15 +461,6 @@ SOLVES: Table = {
     "an arc length of no density": lambda s: tf.trace(
         s.solver, s.plain - 1, 1e3, by="arc-length"
     ),
-    "an error with forces": lambda s: estimate_error(
-        s.solver,
-        s.solver.solve(s.plain, Load(100.0, force=np.full(s.pattern.points.shape, 1e-6))),
-        [tf.swelling],
-    ),
-    "an error of a moulded tube": lambda s: _moulded_error(s),
-    "an error of no equilibrium": lambda s: estimate_error(
-        s.solver, replace(s.result, converged=False, reason="None."), [tf.swelling]
-    ),
     "wrinkles of a plain sheet": lambda s: wrinkles(
         SHEET, tf.Composite(), np.zeros(32), SHEET.points
     ),
@@ -478,11 +468,6 @@ SOLVES: Table = {
         s.skin, Contact(), Contact().sizes(tf.Composite()), s.held.fixed, [0.0, 0.0, 1.0], 1.0
     ),
 }  # fmt: skip
-
-
-def _moulded_error(s: Scene) -> object:
-    solver = _solver(s, composite=tf.Composite(bending=tf.Bending(rest="assembled")))
-    return estimate_error(solver, solver.solve(s.plain, 100.0), [tf.swelling])
 
 
 # ------------------------------------------------------------------------------- measures

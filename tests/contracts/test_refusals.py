@@ -26,7 +26,6 @@ from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.physics import InflatedSkin
-from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.tubes.bend import BendScene
 
@@ -110,7 +109,6 @@ DIFFERENT: Table = {
     "chambers on one rank": lambda s: s.solver.like(**s.by_rank({}, {"chambers": "upper"})),
     "start": lambda s: s.solver.solve(s.plain, 100.0, s.by_rank(None, s.solver.model.assembled)),
     "loads": lambda s: list(tf.trace(s.solver, s.plain, s.by_rank([1e2, 2e2], [1e2, np.nan]))),
-    "direct": lambda s: estimate_error(s.solver, s.result, [], direct=s.by_rank(False, True)),
     "radius": lambda s: cone_filter(s.skin, s.by_rank(0.012, 0.013)),
     "spread": lambda s: random_density(s.skin, 3, spread=s.by_rank(0.1, 0.2)),
     "regularisation.filter_radius": lambda s: s.designed(filter_radius=s.by_rank(0.012, 0.013)),

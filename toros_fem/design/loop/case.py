@@ -117,7 +117,7 @@ class Case:
         target = self.target
 
         def measure(pattern: Pattern, positions: Floats) -> float:
-            # A map is known on other meshes too, for `estimate_error`.
+            # A map is known on other meshes too, as those of prints.
             goal = target(pattern.points) if callable(target) else np.asarray(target)
             return 1e3 * distance(pattern, positions, goal)
 

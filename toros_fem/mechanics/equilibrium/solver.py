@@ -34,8 +34,7 @@ from toros_fem.mechanics.equilibrium.tangent_solver import TangentSolver
 from toros_fem.mechanics.equilibrium.ways import Search, residual_at, settle, sliding_at
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes.skin import Skin, sew
-from toros_fem.meshes.transfer import OtherMesh
+from toros_fem.meshes.skin import Skin
 
 # Factor on the residual of a saved equilibrium up to which it is the same one.
 SAME_RESIDUAL = 10.0
@@ -252,24 +251,6 @@ class EquilibriumSolver(TangentSolver):
             **self._further,
         }
         return EquilibriumSolver(**{**own, **changes})
-
-    @collective("self.skin.comm")
-    def refined(self, finer: OtherMesh, **changes: Any) -> EquilibriumSolver:
-        """Return the solver of the skin with each triangle divided into four (collective).
-
-        Supports and chambers are those of the divided triangles: the middle of an edge is fixed
-        where both its ends are. `changes` are other arguments of the class, in place of these.
-        """
-        chambers, quadratic = self._further.get("chambers"), self._further.get("quadratic")
-        own = {
-            "skin": sew(self.skin.comm, finer.pattern),
-            "chambers": chambers and chambers.refined(finer),
-            "quadratic": None if quadratic is None else quadratic[finer.cell],
-            "log": None,
-        }
-        if changes.get("supports") is None:
-            changes["supports"] = self.model.supports.refined(finer)
-        return self.like(**{**own, **changes})
 
     def _solve(self, search: Search, begin: Floats | None) -> Equilibrium:
         self.forget()
