@@ -2,14 +2,13 @@
 
 import logging
 import warnings
-from functools import partial
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from toros_fem.base import mpi
-from toros_fem.base.errors import ParameterError, TorosWarning, UnitWarning
+from toros_fem.base.errors import TorosWarning, UnitWarning
 from toros_fem.base.mpi import warn_together
 from toros_fem.meshes import cylinder, sew
 
@@ -59,30 +58,6 @@ def test_first_rank_acts_for_all(comm: MPI.Comm) -> None:
 
     with pytest.raises(OSError, match="no space"):
         mpi.on_first_rank(comm, fail)
-
-
-def test_equal_arguments_pass(comm: MPI.Comm) -> None:
-    mpi.require_alike(comm, a=1.0, b="x", c=None, d=[1, (2, 3)], e=np.eye(2), f={"g": 1})
-    mpi.require_alike(comm, number=[1, 1.0, np.float64(1)][comm.rank % 3])
-
-
-def test_other_arguments_are_told_on_all_ranks(comm: MPI.Comm) -> None:
-    if comm.size == 1:
-        return
-    bound = partial(print, end=str(comm.rank))
-    for value in (comm.rank, str(comm.rank), [0, comm.rank], np.full(2, comm.rank), bound):
-        with pytest.raises(ParameterError, match="second differs between the ranks: .* on rank 1"):
-            mpi.require_alike(comm, first=0, second=value)
-
-
-def test_arguments_of_one_rank_alone_are_told(comm: MPI.Comm) -> None:
-    if comm.size == 1:
-        return
-    given = {} if comm.rank == 0 else {"third": comm.rank}
-    with pytest.raises(
-        ParameterError, match="third differs between the ranks: None on rank 0, 1 o"
-    ):
-        mpi.require_alike(comm, first=0, **given)
 
 
 def test_warnings_come_from_one_rank(comm: MPI.Comm) -> None:

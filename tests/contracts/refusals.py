@@ -118,10 +118,6 @@ class Scene:
         self.comm.barrier()
         return path
 
-    def by_rank(self, one: Any, other: Any) -> Any:
-        """A value that is another one on all ranks but the first."""
-        return one if self.comm.rank == 0 else other
-
 
 def each(call: Callable[..., object], *wrong: dict[str, Any], **good: Any) -> Table:
     """A row for each wrong set of arguments beside those that are good."""

@@ -12,7 +12,6 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.files import guarded, write_table
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
@@ -36,7 +35,6 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
         RunError: It holds a run that is not open.
     """
 
-    @collective("comm")
     def __init__(self, comm: MPI.Comm, folder: str | Path) -> None:
         require_kind("folder", folder, (str, Path), "the path of a folder")
         self._begin = time.perf_counter()

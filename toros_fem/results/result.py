@@ -11,7 +11,6 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import guarded, write_json
-from toros_fem.base.mpi import Distributed, collective
 from toros_fem.base.versions import versions
 from toros_fem.measures.figures import Figure, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -21,7 +20,7 @@ from toros_fem.results.runs.folder import require_open
 from toros_fem.results.runs.summary_file import figures_html
 
 
-class RunResult(Distributed, ABC):
+class RunResult(ABC):
     """What a run has found.
 
     Attributes:
@@ -94,7 +93,6 @@ def state_figures(pressure: float, state: Equilibrium | None, parts: int) -> tup
     )
 
 
-@collective("comm", owned=("result",))
 def write_summary(comm: MPI.Comm, folder: Path | str, result: RunResult) -> dict[str, Any]:
     """Write summary.json and return its content, the first rank's on all ranks (collective).
 

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import LibraryError, OutlineError, ParameterError, SceneError
 from toros_fem.base.keys import Key, Table, meant, nearest, plain_value
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.scene import Scene
 from toros_fem.base.toml_files.document import Document, at, read_text
 from toros_fem.base.toml_files.lines import Place
@@ -47,7 +47,6 @@ class SceneFile:
     lines: Mapping[str, int]
     materials: Mapping[str, LibraryMaterial]
 
-    @collective("comm")
     def require_files(self, comm: MPI.Comm) -> None:
         """Check that the files and folders that it names are there (collective).
 
@@ -84,7 +83,6 @@ class SceneFile:
             raise SceneError(message, self.path, line, key) from None
 
 
-@collective("comm")
 def read_scene(
     path: str | Path,
     *,

@@ -6,12 +6,10 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_count, require_finite, require_kind
 from toros_fem.meshes.skin import Skin
 
 
-@collective("skin.comm")
 def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1) -> Floats:
     """Return owned densities drawn uniformly from mean ± spread for each pattern triangle.
 

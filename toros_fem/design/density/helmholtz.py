@@ -10,14 +10,13 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.compiled_forms import compiled
-from toros_fem.base.mpi import collective, gather_by_index
+from toros_fem.base.mpi import gather_by_index
 from toros_fem.base.validation import require_kind
 from toros_fem.design.density.linear import Filter, Linear, Map, product
 from toros_fem.design.density.neighbours import check_radius
 from toros_fem.meshes.skin import Skin
 
 
-@collective("skin.comm")
 def helmholtz_filter(skin: Skin, radius: float) -> Filter:
     """Return the filter −r² ∇²ρ̃ + ρ̃ = ρ on the sewn skin, r = R/(2√3).
 

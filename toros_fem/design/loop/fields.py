@@ -9,7 +9,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import Distributed, collective, dot, together, total
+from toros_fem.base.mpi import dot, together, total
 from toros_fem.base.validation import real_numbers
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.linear import Filter
@@ -86,9 +86,8 @@ class Fields(Protocol):
         """Return the density of owned triangles that pictures show."""
 
 
-@collective("skin.comm", owned=("filter", "passive"))
 @dataclass(frozen=True, eq=False)
-class DensityFields(Fields, Distributed):
+class DensityFields(Fields):
     """One density for each triangle: ρ, filtered ρ̃, projected ρ̄.
 
     Attributes:

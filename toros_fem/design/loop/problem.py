@@ -13,7 +13,6 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import Distributed, collective
 from toros_fem.base.validation import require_positive
 from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.loop.fields import Fields
@@ -46,7 +45,7 @@ class ObjectiveTerm:
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes(Distributed):
+class Slopes:
     """Gradients around a design.
 
     Attributes:
@@ -64,7 +63,7 @@ class Slopes(Distributed):
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation(Distributed, Generic[R]):
+class Evaluation(Generic[R]):
     """One pass ρ → ρ̃ → ρ̄ → x → T.
 
     Attributes:
@@ -111,9 +110,8 @@ class Evaluation(Distributed, Generic[R]):
         return self.equilibrium.factorisations
 
 
-@collective("physics.comm", owned=("fields", "objective", "terms", "length_scale"))
 @dataclass(eq=False)
-class DesignProblem(Distributed, Generic[R]):
+class DesignProblem(Generic[R]):
     """A skin or tile whose print is designed, made of parts.
 
     T is the objective of what the physics makes of ρ̄, plus terms of ρ̄ alone. Each part is a pair
@@ -210,7 +208,6 @@ class DesignProblem(Distributed, Generic[R]):
         assert found is not None
         return {m.key: m.value(self.skin.pattern, found) for m in self.metrics}
 
-    @collective("self.comm", owned=("density", "start"))
     def simulate(
         self,
         density: Floats,
@@ -234,7 +231,6 @@ class DesignProblem(Distributed, Generic[R]):
         filtered, projected = self.fields.forward(density)
         return self._evaluated(density, filtered, projected, (start, pressure), begin, trial=trial)
 
-    @collective("self.comm", owned=("printed", "start"))
     def simulate_binary(
         self,
         printed: Floats | Bools,
@@ -355,7 +351,6 @@ class DesignProblem(Distributed, Generic[R]):
             replace(found, gradients=rows),
         )
 
-    @collective("self.comm", owned=("density", "start"))
     def evaluate(
         self, density: Floats, start: Any = None, pressure: Pressure | None = None
     ) -> tuple[Evaluation[R], Slopes]:

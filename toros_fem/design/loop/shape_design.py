@@ -12,7 +12,6 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import (
     checked_axes,
     checked_floats,
@@ -68,7 +67,6 @@ class ShapeDesign(ShapeProblem):
 
     fields: DensityFields
 
-    @collective("comm")
     def __init__(
         self,
         comm: MPI.Comm,
@@ -133,7 +131,6 @@ class ShapeDesign(ShapeProblem):
                 parts=self.parts,
             )
 
-    @collective("self.comm")
     def towards(self, case: Case) -> Self:
         """Return the same design with the target and the parts of another case (collective).
 
@@ -148,7 +145,6 @@ class ShapeDesign(ShapeProblem):
         made = case.objective(self.skin)
         return self.changed(objective=made, case=given, _of_case=(made, self._of_case[1]))
 
-    @collective("self.comm")
     def on(self, pattern: Pattern) -> ShapeDesign:
         """Return the same design on the same triangles, whose vertices have moved (collective).
 
@@ -160,7 +156,6 @@ class ShapeDesign(ShapeProblem):
         """
         return self._with(self.case.on(pattern), self.regularisation)
 
-    @collective("self.comm")
     def for_print(self, regions: Sequence[BaseGeometry]) -> ShapeDesign:
         """Return the design on a mesh whose edges are the borders of a print (collective).
 

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import LibraryError
 from toros_fem.base.files import naming, replace_file
 from toros_fem.base.keys import nearest
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.toml_files.document import Document, read_text
 from toros_fem.base.toml_files.lines import key_lines
 from toros_fem.base.validation import checked_path, require_kind
@@ -26,7 +26,6 @@ HEAD = "# Materials of one's own. Scenes name this file by: materials, in their 
 KEYS = {name: one for name, one in LibraryMaterial.described().items() if name != "name"}
 
 
-@collective("comm")
 def read_library(*paths: str | Path, comm: MPI.Comm | None = None) -> Mapping[str, LibraryMaterial]:
     """Return the shipped materials by name, and those of files of one's own over them.
 

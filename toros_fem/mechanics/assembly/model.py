@@ -13,7 +13,7 @@ from dolfinx import fem
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.compiled_forms import SharedForms, assembled, work_vector
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective, dot, total
+from toros_fem.base.mpi import dot, total
 from toros_fem.base.validation import require_callable, require_kind
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.materials.sheet import Composite
@@ -81,7 +81,6 @@ class SkinModel:
         size_local: Number of owned unknowns.
     """
 
-    @collective("skin.comm", owned=("terms",))
     def __init__(
         self,
         skin: Skin,
@@ -380,7 +379,6 @@ class Further(TypedDict, total=False):
     quadratic: Bools | None
 
 
-@collective("skin.comm")
 def make_model(
     skin: Skin, composite: Composite, supports: Supports, **further: Unpack[Further]
 ) -> SkinModel:
@@ -390,8 +388,8 @@ def make_model(
 
     Raises:
         ParameterError: They leave one, or are made for another pattern; an argument is of another
-            type or differs between the ranks; the walls between the chambers cannot be found; or
-            a relaxed design is to touch something.
+            type; the walls between the chambers cannot be found; or a relaxed design is to touch
+            something.
         OpenSkinError: Chambers of a skin with free edges that no symmetry plane closes.
     """
     unknown = further.keys() - Further.__annotations__

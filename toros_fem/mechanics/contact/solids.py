@@ -9,7 +9,6 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import checked_floats, require_positive, unit_vector
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.meshes.surfaces.files import read_surface
@@ -148,7 +147,6 @@ def rigid_cylinder(
     return _made(name, points @ frame, triangles, centre)
 
 
-@collective("comm")
 def rigid_mesh(
     comm: MPI.Comm,
     name: str,

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MaterialWarning, ParameterError, UnitWarning
 from toros_fem.base.mpi import (
-    collective,
+    on_first_rank,
     together,
     warn_together,
 )
@@ -60,7 +60,6 @@ class EquilibriumSolver(TangentSolver):
         ParameterError: An argument is of another type, or does not fit the skin.
     """
 
-    @collective("skin.comm")
     def __init__(
         self,
         skin: Skin,
@@ -71,16 +70,14 @@ class EquilibriumSolver(TangentSolver):
         **further: Unpack[Further],
     ) -> None:
         model = make_model(skin, composite, supports, **further)
-        require_kind("options", options, (NewtonOptions, type(None)), "NewtonOptions, or None")
         if log is not None:
             require_callable("log", log, "a function of a Newton step, or None")
         _warn_of_odd_sheets(skin, composite)
-        self.options = options or NewtonOptions()
+        self.options = on_first_rank(skin.comm, lambda: _settings(options))
         super().__init__(model, self.options, log)
         self.log, self.contact, self._further = log, further.get("contact"), further
         self._prescribed = PrescribedDisplacement(model)
 
-    @collective("self.skin.comm", owned=("density", "start", "after", "sliding"))
     def solve(
         self,
         density: Floats,
@@ -124,7 +121,9 @@ class EquilibriumSolver(TangentSolver):
         comm, model = self.skin.comm, self.model
         given = load_of(load)
         require_flag(raise_on_failure=raise_on_failure, trial=trial)
-        acting, density = given.on(model), model.design.check(density)
+        with together(comm):
+            acting = given.on(model)
+        density = model.design.check(density)
         start = after if start is None else start
         if after is not None and sliding is None:
             sliding = after.sliding
@@ -169,7 +168,6 @@ class EquilibriumSolver(TangentSolver):
         owned = found[self.skin.owned_vertices]
         return owned if model.refusal(model.state_of(owned)) is None else None
 
-    @collective("self.skin.comm", owned=("trial",))
     def finish(self, trial: Equilibrium) -> Equilibrium:
         """Complete a trial: the tolerance of the options, and a stable state (collective).
 
@@ -195,7 +193,6 @@ class EquilibriumSolver(TangentSolver):
         numbers = {**at.numbers(), "first_shift": self._newton.ladder.first}
         return self.model.patch.gather(at.state), numbers
 
-    @collective("self.skin.comm", owned=("density", "numbers"))
     def restore(
         self,
         density: Floats,
@@ -238,7 +235,6 @@ class EquilibriumSolver(TangentSolver):
         self._at = found
         return found
 
-    @collective("self.skin.comm")
     def like(self, **changes: Any) -> EquilibriumSolver:
         """Return another solver, which differs in some arguments of the class (collective)."""
         model = self.model
@@ -258,6 +254,12 @@ class EquilibriumSolver(TangentSolver):
         if found.complete:
             self._at = found
         return found
+
+
+def _settings(options: NewtonOptions | None) -> NewtonOptions:
+    """Return the options, checked."""
+    require_kind("options", options, (NewtonOptions, type(None)), "NewtonOptions, or None")
+    return options or NewtonOptions()
 
 
 def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:

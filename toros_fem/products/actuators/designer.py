@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from toros_fem.base.errors import NoEquilibriumError, PanelError, TorosError
 from toros_fem.base.files import guarded, if_possible
-from toros_fem.base.mpi import Distributed, collective, free_dropped, on_first_rank
+from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import DesignOptions
@@ -62,9 +62,8 @@ AGAIN, AGAIN_IF_OPEN = 0.5, 0.25
 FINER, MOST = 2.0, 100_000
 
 
-@collective("comm", owned=("journal",))
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Designer(Distributed, DensityDesigner):
+class Designer(DensityDesigner):
     """The design of an actuator, from start to files; all methods are collective.
 
     Attributes:

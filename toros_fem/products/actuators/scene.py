@@ -418,7 +418,8 @@ class ActuatorScene(MeshedScene):
                 cannot be written to, or a file does not fit.
         """
         given = files or {}
-        scene, source = self.with_files(comm, given), given.get("start_from")
+        scene = self.of_first_rank(comm).with_files(comm, given)
+        source = given.get("start_from")
         scene.require_trial()
         designer = Designer(
             comm=comm,
@@ -486,7 +487,8 @@ class ActuatorScene(MeshedScene):
             EquilibriumError: There is no equilibrium at the first pressure.
         """
         given = files or {}
-        job = Job(comm, self.with_files(comm, given), verbose=verbose)
+        scene = self.of_first_rank(comm).with_files(comm, given)
+        job = Job(comm, scene, verbose=verbose)
         return simulate_actuator(job, output, given.get("pattern"))
 
     def expected_cost(self, comm: MPI.Comm, *, probing: bool, from_print: bool = False) -> Cost:

@@ -9,7 +9,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MeasurementError, ParameterError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Material
 from toros_fem.products.fitting.intervals import bootstrap_draws, hessian_draws
@@ -34,7 +34,6 @@ from toros_fem.products.options import FitOptions
 MOST_ROUNDS, SAME = 8, 1e-3
 
 
-@collective("strip.comm")
 def fit_material(
     tests: Sequence[TensileTest],
     options: FitOptions | None = None,

@@ -9,7 +9,6 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import MeasurementError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
-from toros_fem.base.mpi import collective
 from toros_fem.materials.library.material import LENGTHS, LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
 
@@ -43,7 +42,6 @@ def _quality(result: Fit, lacking: str) -> str:
     return f"R² of the stress {result.r2_stress:.4f}, of the lateral stretch {lateral}"
 
 
-@collective("comm", owned=("result",))
 def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
     """Write fit.json, fit.txt, fit.csv and fit.png into a folder (collective).
 

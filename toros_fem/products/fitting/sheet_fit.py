@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MeasurementError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.skin import sew
@@ -57,7 +57,6 @@ class SheetFit(Fit):
         ]
 
 
-@collective("comm")
 def fit_printed_sheet(
     comm: MPI.Comm,
     tests: Sequence[TensileTest],

@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Bools, Ints
 from toros_fem.base.errors import ParameterError, TileFileError
-from toros_fem.base.mpi import collective, on_root
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_path,
     require_between,
@@ -84,7 +84,6 @@ class PrintedTile:
         """Printed part of its area."""
         return float(self.region.area / np.prod(self.size))
 
-    @collective("comm")
     def tile(self, comm: MPI.Comm) -> tuple[Tile, Bools]:
         """Return the tile, meshed along the print, and whether each triangle is printed, (t,).
 

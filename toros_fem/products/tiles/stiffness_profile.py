@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError, TargetError
-from toros_fem.base.mpi import Distributed, collective, together
+from toros_fem.base.mpi import together
 from toros_fem.design.loop.physics import Pressure, Residuals, Saved
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL
 from toros_fem.products.tiles.solver import TileSolver, TileState
@@ -21,7 +21,7 @@ ACROSS = np.array([[0.0, 0], [0, 1], [0, 0]])
 
 
 @dataclass(frozen=True, eq=False)
-class Profile(Distributed):
+class Profile:
     """Stress, stiffness and contraction of a tile pulled in several directions, at one strain.
 
     Attributes:
@@ -84,8 +84,6 @@ class ProfileSolver:
     pressures = ()
     pressure_ranges = ()
 
-    @collective("batch")
-    @collective("tile.skin.comm")
     def __init__(
         self,
         tile: TileSolver,
@@ -117,7 +115,6 @@ class ProfileSolver:
         """Communicator that the directions are spread over, or else the tile's."""
         return self.batch if self.batch.size > 1 else self.tile.skin.comm
 
-    @collective("self.comm", owned=("density",))
     def solve(
         self,
         density: Floats,
@@ -251,8 +248,6 @@ class ProfileSolver:
         )
 
 
-@collective("batch", owned=("density",))
-@collective("tile.skin.comm", owned=("density",))
 def profiles(
     tile: TileSolver,
     density: Floats,

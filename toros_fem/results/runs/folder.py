@@ -32,7 +32,6 @@ from toros_fem.base.files import (
     replace_file,
     write_json,
 )
-from toros_fem.base.mpi import collective
 from toros_fem.base.program import program
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
@@ -170,7 +169,6 @@ def require_open(folder: Path) -> None:
         )
 
 
-@collective("comm")
 def open_run(
     comm: MPI.Comm,
     folder: str | Path,
@@ -290,7 +288,6 @@ def _undo(folder: Path, moved: Path, kind: type[BaseException] | None, *_: Any) 
     log.warning("the new run wrote nothing; files of the earlier one are back in %s", folder)
 
 
-@collective("comm")
 def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | None]:
     """Return the record of a run and the text of its scene, None without (collective).
 
