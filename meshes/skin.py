@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from toros_fem.base import compat
 from toros_fem.base.array_types import Floats, Ints, LocalInts
-from toros_fem.base.errors import PatternError, UnitWarning
+from toros_fem.base.errors import PatternError, TorosWarning
 from toros_fem.base.mpi import gather_by_index, require_comm, warn_together
 from toros_fem.base.validation import require_kind
 from toros_fem.meshes.pattern import Pattern
@@ -96,7 +96,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
         PatternError: There are more ranks than triangles.
 
     Warns:
-        UnitWarning: The skin is smaller than 0.1 mm or larger than 10 m.
+        TorosWarning: The skin is smaller than 0.1 mm or larger than 10 m.
     """
     require_comm(comm)
     require_kind("pattern", pattern, Pattern, "a Pattern, by meshes.cylinder for instance")
@@ -110,7 +110,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
             comm,
             f"the skin is {pattern.size:.3g} m across; skins are {SMALLEST:g} m to {LARGEST:g} m. "
             "All lengths are in m. From millimetres? Give scale = 1e-3 where it is read.",
-            UnitWarning,
+            TorosWarning,
         )
     root = comm.rank == 0
     points, triangles = pattern.points, pattern.triangles

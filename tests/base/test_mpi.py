@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.base import mpi
-from toros_fem.base.errors import TorosWarning, UnitWarning
+from toros_fem.base.errors import TorosWarning
 from toros_fem.base.mpi import warn_together
 from toros_fem.meshes import cylinder, sew
 
@@ -63,13 +63,13 @@ def test_first_rank_acts_for_all(comm: MPI.Comm) -> None:
 def test_warnings_come_from_one_rank(comm: MPI.Comm) -> None:
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        mpi.warn_together(comm, "odd", UnitWarning)
+        mpi.warn_together(comm, "odd", TorosWarning)
     assert len(found) == (1 if comm.rank == 0 else 0)
 
 
 def test_warnings_point_at_the_code_of_the_user(alone: MPI.Comm) -> None:
     """However deep in the package they arise."""
-    with pytest.warns(UnitWarning) as found:
+    with pytest.warns(TorosWarning) as found:
         sew(alone, cylinder(alone, 30.0, 2.0, 0.5, mesh="structured"))
     assert found[0].filename == __file__
 

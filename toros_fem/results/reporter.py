@@ -31,8 +31,8 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
         attempt: Number of the attempt at the design whose shapes are recorded; the first one is 0.
 
     Raises:
-        OutputError: The folder cannot be made or written to; here and in each call.
-        RunError: It holds a run that is not open.
+        OutputError: The folder cannot be made or written to; here and in each call. It holds a run
+            that is not open.
     """
 
     def __init__(self, comm: MPI.Comm, folder: str | Path) -> None:

@@ -97,8 +97,8 @@ def write_summary(comm: MPI.Comm, folder: Path | str, result: RunResult) -> dict
     """Write summary.json and return its content, the first rank's on all ranks (collective).
 
     Raises:
-        OutputError: It cannot be written; on all ranks.
-        RunError: The folder holds a run that is not open; on all ranks.
+        OutputError: It cannot be written; on all ranks. The folder holds a run that is not open; on
+            all ranks.
     """
     folder = Path(folder)
     content = {**result.summary(), "ranks": comm.size, "versions": versions()}

@@ -72,7 +72,7 @@ def test_the_default_metric_on_another_mesh(alone: MPI.Comm, pattern: Pattern) -
     (metric,) = design(alone, pattern, target=bend).metrics
     assert metric.value(finer, bend(finer.points)) == pytest.approx(0, abs=1e-9)
     (by_vertex,) = design(alone, pattern, target=bend(pattern.points)).metrics
-    with pytest.raises(errors.TargetError, match="a function of the assembled positions"):
+    with pytest.raises(errors.ParameterError, match="a function of the assembled positions"):
         by_vertex.value(finer, finer.points)
 
 

@@ -29,7 +29,7 @@ def cone_filter(skin: Skin, radius: float, beyond: Floats | Mirrored | None = No
     For larger radii use the Helmholtz filter. `beyond` is that of `Neighbourhood`.
 
     Warns:
-        ResolutionWarning: The radius is under 1.5 edge lengths and hardly filters.
+        TorosWarning: The radius is under 1.5 edge lengths and hardly filters.
     """
     require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
     check_radius(skin, radius)

@@ -27,7 +27,7 @@ def helmholtz_filter(skin: Skin, radius: float) -> Filter:
     on other meshes the projection clips it. The cone of the same radius R, in m, filters as much.
 
     Warns:
-        ResolutionWarning: The radius is under 1.5 edge lengths and hardly filters.
+        TorosWarning: The radius is under 1.5 edge lengths and hardly filters.
     """
     require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
     check_radius(skin, radius)

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import ParameterError, ResolutionWarning
+from toros_fem.base.errors import ParameterError, TorosWarning
 from toros_fem.base.mpi import warn_together
 from toros_fem.base.validation import checked_floats, require_positive
 from toros_fem.design.density.linear import Linear, product
@@ -198,5 +198,5 @@ def check_radius(skin: Skin, radius: float) -> None:
             f"filter radius = {radius:.3g} m is under {RESOLVED} edge lengths ({edge:.3g} m "
             "each): it hardly filters and guarantees no width of a line. Refine the mesh to "
             f"edges of {radius / RESOLVED:.3g} m, or enlarge the radius.",
-            ResolutionWarning,
+            TorosWarning,
         )

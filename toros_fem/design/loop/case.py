@@ -127,8 +127,7 @@ class Case:
         """Return the objective on the sewn skin, the sum of its parts (collective).
 
         Raises:
-            TargetError: The target does not fit the skin.
-            ParameterError: A part is no objective.
+            ParameterError: The target does not fit the skin. A part is no objective.
         """
         goal = checked_target(skin, self.goal)
         whole = self.whole

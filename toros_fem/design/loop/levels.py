@@ -73,7 +73,7 @@ def optimize_levels(
     Raises:
         ParameterError: There are no options, or fewer problems than options.
         PanelError: Two problems have other panels.
-        DensityError, NoEquilibriumError, CheckpointError, RunStoppedError: As for `optimize`.
+        ParameterError, NoEquilibriumError, CheckpointError, RunStoppedError: As for `optimize`.
     """
     require_kind("problems", problems, Iterable, "DesignProblems, one for each level")
     remaining, finish = iter(problems), finish or (lambda result: result)

@@ -14,12 +14,7 @@ import numpy as np
 
 from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import (
-    CheckpointError,
-    DensityError,
-    NoEquilibriumError,
-    ParameterError,
-)
+from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import largest, norm, on_first_rank, total
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
@@ -108,8 +103,8 @@ def optimize(
     Raises:
         CheckpointError: The state in the journal cannot be read, or belongs to something else.
         RunStoppedError: A signal asked for an end; the state is written.
-        DensityError: The start does not fit or leaves [0, 1]; or no triangle is designed.
-        ParameterError: A stage is constrained and the problem has no constraints.
+        ParameterError: The start does not fit or leaves [0, 1]; or no triangle is designed. A stage
+            is constrained and the problem has no constraints.
         NoEquilibriumError: There is no equilibrium for the start. The loop steps back from later
             failures.
     """
@@ -118,7 +113,7 @@ def optimize(
         require_callable("callback", callback, "a function of an iteration and an evaluation")
     options, seed = on_first_rank(problem.comm, partial(_settings, options, seed))
     if total(problem.comm, problem.designed.sum()) == 0:
-        raise DensityError(
+        raise ParameterError(
             "passive prescribes the density of every triangle: none is designed. Set NaN where the "
             "density is to be designed."
         )

@@ -223,7 +223,7 @@ class DesignProblem(Generic[R]):
             start, pressure, trial: As of `Physics.respond`.
 
         Raises:
-            DensityError: The density does not fit or leaves [0, 1].
+            ParameterError: The density does not fit or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium for this design.
         """
         begin = time.perf_counter()

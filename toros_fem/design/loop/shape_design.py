@@ -11,7 +11,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import DensityError, ParameterError
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     checked_axes,
     checked_floats,
@@ -214,9 +214,9 @@ def _given_density(case: Case) -> Floats | None:
     count, passive = len(case.pattern.triangles), case.passive
     if passive is not None:
         what = "one density for each triangle, NaN where it is designed"
-        passive = real_numbers("passive", passive, what, DensityError)
+        passive = real_numbers("passive", passive, what, ParameterError)
     if passive is not None and passive.shape != (count,):
-        raise DensityError(
+        raise ParameterError(
             f"passive has shape {passive.shape}; it must be ({count},), one density for each "
             "triangle of the pattern, NaN where it is designed."
         )

@@ -390,7 +390,7 @@ def make_model(
         ParameterError: They leave one, or are made for another pattern; an argument is of another
             type; the walls between the chambers cannot be found; or a relaxed design is to touch
             something.
-        OpenSkinError: Chambers of a skin with free edges that no symmetry plane closes.
+        PatternError: Chambers of a skin with free edges that no symmetry plane closes.
     """
     unknown = further.keys() - Further.__annotations__
     if unknown:

@@ -168,7 +168,7 @@ def rigid_mesh(
         centre: Where its centroid shall be; None leaves it as in the file.
 
     Raises:
-        SurfaceError, UnitError: As of `read_surface` and `RigidBody`.
+        SurfaceError: As of `read_surface` and `RigidBody`.
     """
     surface = read_surface(comm, path, scale, component)
     body = RigidBody(name, surface.points, surface.triangles)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Unpack
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import MaterialWarning, ParameterError, UnitWarning
+from toros_fem.base.errors import ParameterError, TorosWarning
 from toros_fem.base.mpi import (
     on_first_rank,
     together,
@@ -115,7 +115,7 @@ class EquilibriumSolver(TangentSolver):
         Raises:
             ParameterError: The start cannot be relaxed into the stretch bounds (of two materials
                 the wider ones), or surfaces overlap or cross there that may touch.
-            OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
+            PatternError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
         comm, model = self.skin.comm, self.model
@@ -269,7 +269,7 @@ def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
             skin.comm,
             f"the sheet is {thickness:.3g} m thick and the skin {skin.pattern.size:.3g} m across. "
             "Is the thickness in millimetres? Give it in m: 0.5 mm are 0.5e-3.",
-            UnitWarning,
+            TorosWarning,
         )
     printed, fabric = (
         sheet.membrane_stiffness for sheet in (composite.reinforcement, composite.fabric)
@@ -279,7 +279,7 @@ def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
             skin.comm,
             f"the reinforcement, E h = {printed:.3g} N/m, is softer than the fabric, {fabric:.3g} "
             "N/m: a print would weaken it. Are the two exchanged?",
-            MaterialWarning,
+            TorosWarning,
         )
     if composite.widest_bounds != composite.fabric_bounds:
         warn_together(
@@ -287,5 +287,5 @@ def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
             f"the stretch bounds are {composite.stated_bounds}: fabric with a print on it "
             "stretches no further than without. Give the reinforcement narrower bounds, or none "
             "of its own.",
-            MaterialWarning,
+            TorosWarning,
         )

@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx import fem
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import DensityError, ParameterError
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import together
 from toros_fem.base.validation import (
     real_numbers,
@@ -51,13 +51,13 @@ def check_density(skin: Skin, density: Any) -> Floats:
 
 def _checked_density(skin: Skin, density: Any) -> Floats:
     owned = len(skin.owned_cells)
-    found = real_numbers("density", density, "one for each owned triangle", DensityError)
+    found = real_numbers("density", density, "one for each owned triangle", ParameterError)
     if found.shape != (owned,):
-        raise DensityError(f"density has shape {found.shape}; this rank owns {owned} triangles.")
+        raise ParameterError(f"density has shape {found.shape}; this rank owns {owned} triangles.")
     outside = ~((found >= 0) & (found <= 1))
     if outside.any():
         k = int(np.flatnonzero(outside)[0])
-        raise DensityError(
+        raise ParameterError(
             f"density of triangle {skin.owned_cells[k]} is {found[k]}; it must lie in "
             "[0, 1]. Clip the density, or look for an earlier error."
         )
@@ -84,7 +84,7 @@ class Densities:
         return [self.density]
 
     def check(self, design: Any) -> Floats:
-        """Return an owned design as an array, or raise a DensityError on all ranks."""
+        """Return an owned design as an array, or raise a ParameterError on all ranks."""
         return check_density(self.skin, design)
 
     def set(self, design: Floats) -> None:
@@ -161,7 +161,7 @@ class LineDesign(Densities):
         skin, count = self.skin, self.families
         shape = (len(skin.owned_cells), 1 + 3 * count)
         if np.shape(design) != shape:
-            raise DensityError(
+            raise ParameterError(
                 f"the design has shape {np.shape(design)}; on this rank it must be {shape}: "
                 f"density, shares, cosines and sines of {count} families."
             )
@@ -173,7 +173,7 @@ class LineDesign(Densities):
         wrong |= ~np.isfinite(design).all(axis=1)
         if wrong.any():
             k = int(np.flatnonzero(wrong)[0])
-            raise DensityError(
+            raise ParameterError(
                 f"the lines of triangle {skin.owned_cells[k]} have the shares {shares[k]}, the "
                 f"sum {cover[k]} and the angles' vectors {design[k, 1 + count :]}; all must "
                 f"be finite, no share below 0, their sum at most {MAX_COVER}. Clip the shares, "

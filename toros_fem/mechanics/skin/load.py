@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import OrientationError, ParameterError
+from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.validation import checked_floats, real_numbers, require_finite
 from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
@@ -51,8 +51,8 @@ class Load:
         """Return the load with all arrays of a skin, checked; weights that it lacks are 0.
 
         Raises:
-            OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
-            OrientationError: Pressure on a skin that faces inwards.
+            PatternError: Pressure on a skin with free edges that no symmetry plane closes. Pressure
+                on a skin that faces inwards.
         """
         pattern, supports, chambers = model.skin.pattern, model.supports, model.chamber_count
         what = "in Pa, one for all chambers or one for each"
@@ -187,7 +187,7 @@ def _require_outwards(pattern: Pattern, planes: Planes) -> None:
     a, b, c = np.moveaxis(pattern.points[pattern.triangles] - planes.origin, 1, 0)
     volume = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
     if volume < -INWARDS * float(surface_areas(pattern.points, pattern.triangles).sum()) ** 1.5:
-        raise OrientationError(
+        raise PatternError(
             f"the skin faces inwards: as assembled, its volume is {volume:.3g} m³, so that a "
             "pressure would turn it inside out. Reverse its triangles: swap two corners of each."
         )

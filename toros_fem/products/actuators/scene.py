@@ -482,7 +482,7 @@ class ActuatorScene(MeshedScene):
 
         Raises:
             ParameterError: The pressure is 0, or a number is out of its bounds.
-            PatternFileError: The pattern cannot be read.
+            FileError: The pattern cannot be read.
             PanelError: It is that of another skin.
             EquilibriumError: There is no equilibrium at the first pressure.
         """

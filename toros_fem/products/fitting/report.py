@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import MeasurementError
+from toros_fem.base.errors import FileError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
 from toros_fem.materials.library.material import LENGTHS, LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
@@ -128,11 +128,11 @@ def library_entry(
         source: Where the tests come from; None for their specimens.
 
     Raises:
-        MeasurementError: No stretch is to be trusted.
+        FileError: No stretch is to be trusted.
         ParameterError: Name, title or source are refused by the library.
     """
     if not result.trusted_to > 1:
-        raise MeasurementError(
+        raise FileError(
             "the fit is to be trusted nowhere: its mean residuals exceed 10 % from the start. Fit "
             "fewer data by --up-to, or one direction by --direction."
         )

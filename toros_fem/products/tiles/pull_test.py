@@ -150,8 +150,8 @@ class PullMachine:
                 of them 0.
 
         Raises:
-            ParameterError: A strain is 0, −1 or less, or not finite.
-            DensityError: The density does not fit, or leaves [0, 1].
+            ParameterError: A strain is 0, −1 or less, or not finite. The density does not fit, or
+                leaves [0, 1].
             NoEquilibriumError: There is no equilibrium at one of the strains.
         """
         given = np.array(strains, dtype=np.float64)

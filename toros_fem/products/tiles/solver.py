@@ -137,8 +137,8 @@ class TileSolver:
                 first solve fails.
 
         Raises:
-            ParameterError: The gradient does not fit, or `start` has another angle.
-            DensityError: The density does not fit, or leaves [0, 1].
+            ParameterError: The gradient does not fit, or `start` has another angle. The density
+                does not fit, or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium.
         """
         check_density(self.skin, density)

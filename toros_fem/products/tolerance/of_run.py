@@ -8,7 +8,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import NoEquilibriumError, NoRunError
+from toros_fem.base.errors import FileError, NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.regions import case_of_print
@@ -37,7 +37,7 @@ def tolerances_of_run(
     that the design has taken, by name. None takes the default tolerances.
 
     Raises:
-        NoRunError: The folder holds no finished design of an actuator.
+        FileError: The folder holds no finished design of an actuator.
         NoEquilibriumError: The print has no equilibrium.
         TorosError: A file cannot be read, or does not fit.
     """
@@ -69,12 +69,12 @@ def finished_summary(folder: Path) -> Summary:
     """Return the summary of a finished design (one rank).
 
     Raises:
-        NoRunError: The folder holds none.
+        FileError: The folder holds none.
     """
     found = summary_of(folder)
     if "printed_failure" not in found.entries:
         what = "has no print" if found else "is missing"
-        raise NoRunError(f"{folder / SUMMARY} {what}: give the folder of a finished design.")
+        raise FileError(f"{folder / SUMMARY} {what}: give the folder of a finished design.")
     return found
 
 

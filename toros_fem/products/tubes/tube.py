@@ -130,8 +130,8 @@ class TubeScene(ActuatorScene):
                 Objective and metrics are those of the whole tube.
 
         Raises:
-            ParameterError: A size is too large for the tube, or the knit is not symmetric.
-            TargetError: The target is not symmetric.
+            ParameterError: A size is too large for the tube, or the knit is not symmetric. The
+                target is not symmetric.
         """
         assert level.edge_length is not None
         pattern = self.skin.pattern(comm, level.edge_length, planes)
