@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Key, Need, Table, nearest
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import require_comm
 
 # Order of tables in files.
 ORDER = (
@@ -72,7 +72,8 @@ class Scene:
 
     def of_first_rank(self, comm: MPI.Comm) -> Self:
         """Return the scene of the first rank, whatever the others have (collective)."""
-        return on_first_rank(comm, lambda: self)
+        require_comm(comm)
+        return self if comm.size == 1 else comm.bcast(self, root=0)
 
     def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
         """Return the scene with what its files hold, by the names in `DESIGN_FILES` (collective).

@@ -115,8 +115,6 @@ class Neighbourhood:
 
 def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, Ints]:
     """Return a tile's points with their copies within the radius, and the triangle of each."""
-    if lattice.shape != (2, 2):
-        raise ParameterError(f"lattice has shape {lattice.shape}; two vectors have shape (2, 2).")
     area = abs(float(np.linalg.det(lattice)))
     width = area / max(float(np.linalg.norm(lattice, axis=1).max()), np.finfo(float).tiny)
     if not width > 2 * radius:

@@ -12,7 +12,6 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import require_positive
 from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.loop.fields import Fields
@@ -146,27 +145,11 @@ class DesignProblem(Generic[R]):
     def __post_init__(self) -> None:
         self.whole = self.whole or mirrored(self.skin.pattern, ())
         check_metrics(self.metrics)
-        self._check_terms()
-
-    def _check_terms(self) -> None:
-        names = [term.name for term in self.terms]
-        if len(set(names)) < len(names):
-            raise ParameterError(
-                f"terms are named {', '.join(names)}; give each of them a name of its own."
-            )
 
     def changed(self, **parts: Any) -> Self:
-        """Return the same problem with other parts; all others are shared.
-
-        Raises:
-            TypeError: It has no such part.
-            ParameterError: Two terms have one name.
-        """
+        """Return the same problem with other parts; all others are shared."""
         other = copy.copy(self)
-        if unknown := set(parts) - set(vars(other)):
-            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
         vars(other).update(parts)
-        other._check_terms()
         return other
 
     def pressure_cost(self, pressures: Sequence[float]) -> float:

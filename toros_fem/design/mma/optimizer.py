@@ -272,7 +272,6 @@ class MMA:
         The next proposed point does not change, except for the constant 1e-5 that keeps the
         approximations convex.
         """
-        require_positive(factor=factor)
         state, m, root = self.state, self.constraints, factor**0.5
         state.unit *= factor
         if state.curvature is not None:

@@ -94,10 +94,8 @@ class SkinModel:
         self.contact, self.pressure = self._of(SkinContact), self._of(Pressure)
         self.weight, self.images = self._of(OwnWeight), self._of(Images)
         self.sheet, self.bend = self._of(Sheet), self._of(Bend)
-        bounds = [term.bounds for term in terms if term.bounds is not None]
-        if len(bounds) != 1:
-            raise ParameterError(f"{len(bounds)} terms have stretch bounds; a skin has one sheet.")
-        self.bounds: StretchBounds = bounds[0]
+        (bounds,) = (term.bounds for term in terms if term.bounds is not None)
+        self.bounds: StretchBounds = bounds
 
         flaps = None if self.bend is None else self.bend.hinges.flap
         unknowns = [term.unknowns for term in terms if term.unknowns is not None]
@@ -178,12 +176,6 @@ class SkinModel:
 
     def set_load(self, load: Load) -> None:
         """Let a load act; where it moves the supports, the state must already be moved."""
-        shape = (self.chamber_count,)
-        if load.pressures.shape != shape:
-            raise ParameterError(
-                f"the load has pressures of shape {load.pressures.shape}; this skin needs "
-                f"{shape}, one for each chamber."
-            )
         self.load = load
         for term in self.terms:
             term.set_load(load)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NoReturn
@@ -13,7 +12,6 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError, SurfaceError
 from toros_fem.base.validation import (
     checked_floats,
-    require_between,
     require_flag,
     require_kind,
     whole_numbers,
@@ -94,7 +92,6 @@ class RigidBody:
             ParameterError: A triangle would turn over, or two walls would cross: the body is too
                 thin or too sharp there.
         """
-        require_between(0, math.inf, depth=depth)
         points, triangles = self.points, self.triangles
         normal = normals(points, triangles)
         unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)

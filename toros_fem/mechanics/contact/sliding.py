@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.validation import require_positive
 from toros_fem.mechanics.contact.motion import pose_curvature, pose_jacobian, rotation
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
 
@@ -186,9 +185,6 @@ class Coulomb:
     slip: float
     ratio: float | Floats = 1.0
     easy: tuple[float, float, float] = (1.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        require_positive(slip=self.slip)
 
     def at(self, normal: Floats, motion: Floats) -> FrictionAt:
         """Return the friction of normal forces N in N and motions u in m, both (n, 3)."""
