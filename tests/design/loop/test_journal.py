@@ -111,7 +111,7 @@ def test_what_does_not_fit_is_told(short_tube: Skin) -> None:
     problem, options = densities(short_tube), DesignOptions((Stage(1),))
     saved = stopped(lambda: problem, options, 1)
     for arrays, numbers in (
-        ({**saved.arrays, "unknowns_0": saved.arrays["unknowns_0"][:-1]}, saved.numbers),
+        ({**saved.arrays, "unknowns": saved.arrays["unknowns"][:-1]}, saved.numbers),
         ({**saved.arrays, "x": saved.arrays["x"][:-7]}, saved.numbers),
         (saved.arrays, {**saved.numbers, "history": [{"iteration": 0}]}),
         (saved.arrays, {k: v for k, v in saved.numbers.items() if k != "mma"}),
