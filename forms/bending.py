@@ -55,8 +55,7 @@ def edge_angles(t: Triangle, edges: Edges) -> list[Jet]:
 
     With Tᵢ = n̄ᵢ n̄ᵢᵀ l̄ᵢ/(2 Ā) and no α, Λ = Σᵢ φᵢ Tᵢ is the triangle average of eq. (4); with
     rotations α of the edges, sᵢ = ±1 opposite in the two triangles of an edge, the mid-edge
-    operator of Grinspun et al. 2006 (lowest-order Hellan-Herrmann-Johnson); with other Tᵢ the
-    quadratic through the patch (Flores & Oñate 2005).
+    operator of Grinspun et al. 2006 (lowest-order Hellan-Herrmann-Johnson).
     """
     angles = []
     for i in range(3):

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import ParameterError, PatternError, TargetError
+from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import OtherMesh
@@ -157,7 +157,7 @@ def require_symmetric_map(
     for axis in axes:
         off = float(np.abs(deform(flip(axis) * points) - flip(axis) * deform(points)).max())
         if off > SYMMETRIC * size:
-            raise TargetError(
+            raise ParameterError(
                 f"the target is not symmetric about {'xyz'[axis]} = 0: a vertex and its image are "
                 f"{off:.3g} m apart. Leave this plane out."
             )

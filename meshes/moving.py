@@ -9,7 +9,6 @@ import shapely
 from scipy.sparse import csr_array
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import (
     barycentric,
@@ -140,11 +139,6 @@ def border_motion(pattern: Pattern, printed: Bools, largest: float) -> Floats:
     panels stay, and so do vertices where two lines touch. Where the largest way of the borders, in
     m, to either side, would flatten triangles, the motion is less.
     """
-    if printed.shape != pattern.panel.shape:
-        raise PatternError(
-            f"printed has shape {printed.shape}; it must be {pattern.panel.shape}, one entry for "
-            "each triangle."
-        )
     flat, sewn, edges = pattern.flat_points, pattern.sewn, edges_of(pattern.flat_triangles)
     motion, border = np.zeros_like(flat), between(edges, printed)
     if not border.any():

@@ -14,15 +14,7 @@ from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import (
-    DegenerateTriangleError,
-    OpenSkinError,
-    OrientationError,
-    PanelError,
-    PatternError,
-    SeamError,
-    TorosError,
-)
+from toros_fem.base.errors import PanelError, PatternError, TorosError
 from toros_fem.base.validation import (
     checked_names,
     is_number,
@@ -87,8 +79,8 @@ class Pattern:
 
     Raises:
         PatternError: The arrays do not fit together or hold NaN.
-        DegenerateTriangleError, OrientationError, ManifoldError, SeamError, PanelError:
-            The surface is not a valid skin; the message names triangle, edge or panel.
+        PatternError, PanelError: The surface is not a valid skin; the message names triangle, edge
+            or panel.
     """
 
     flat_points: Floats
@@ -171,7 +163,7 @@ class Pattern:
         """Check that the skin encloses a volume."""
         if len(self.free_edges):
             a, b = self.free_edges[0]
-            raise OpenSkinError(
+            raise PatternError(
                 f"pressure needs a closed skin, but {len(self.free_edges)} edges are free, the "
                 f"first between vertices {a} and {b} at {self.points[a]} and {self.points[b]} m. "
                 "Sew them to a neighbour, add a cap, let a symmetry plane close a border that "
@@ -332,7 +324,7 @@ class Pattern:
         twice = np.any(self.triangles == np.roll(self.triangles, 1, axis=1), axis=1)
         if np.any(twice):
             k, name = first(twice)
-            raise DegenerateTriangleError(
+            raise PatternError(
                 f"{name} uses an assembled vertex twice: {self.triangles[k].tolist()}. Refine it, "
                 "or correct `sewn`."
             )
@@ -341,13 +333,13 @@ class Pattern:
         flat = np.abs(self.areas) * 2 <= MIN_HEIGHT_RATIO * longest**2
         if np.any(flat):
             k, name = first(flat)
-            raise DegenerateTriangleError(
+            raise PatternError(
                 f"{name} has a flat area of {self.areas[k]:.3g} m² on a longest edge of "
                 f"{longest[k]:.3g} m; its height must exceed {MIN_HEIGHT_RATIO:g} of that edge. "
                 "Remesh the panel."
             )
         if np.any(self.areas < 0):
-            raise OrientationError(
+            raise PatternError(
                 f"{first(self.areas < 0)[1]} is clockwise on its panel; seen from outside the skin "
                 "all triangles must be counter-clockwise. Swap two corners."
             )
@@ -357,7 +349,7 @@ class Pattern:
             worst = int(np.argmax(self.seam_gaps))
             a, b = self.sewn[self.seams[worst, 0]]
             length = lengths(self.flat_points, self.seams[worst])
-            raise SeamError(
+            raise PatternError(
                 f"the seam edge between vertices {a} and {b} is {length[0]:.6g} m long on one side "
                 f"and {length[1]:.6g} m on the other, a relative difference of "
                 f"{self.seam_gaps[worst]:.2g}; the bound is {self.seam_tolerance:g}. Correct the "

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Bools
-from toros_fem.base.errors import PatternFileError
+from toros_fem.base.errors import FileError
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import checked_path, require_kind, shown
 from toros_fem.meshes.pattern import Pattern
@@ -29,11 +29,11 @@ def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = No
     whether each triangle is printed, (t,).
 
     Raises:
-        PatternFileError: The path does not end in .npz.
+        FileError: The path does not end in .npz.
     """
-    path = checked_path("path", path, PatternFileError)
+    path = checked_path("path", path, FileError)
     if path.suffix != ".npz":
-        raise PatternFileError(f"path = {shown(str(path))} must end in .npz.")
+        raise FileError(f"path = {shown(str(path))} must end in .npz.")
     require_kind("pattern", pattern, Pattern, "a Pattern")
     write_archive(path, archive_of(KIND, pattern, {} if printed is None else {PRINTED: printed}))
 
@@ -43,12 +43,12 @@ def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
     """Read the pattern that `write_pattern` wrote, the same on all ranks (collective).
 
     Raises:
-        PatternFileError: There is no such file, it is damaged, of another kind or format, or holds
+        FileError: There is no such file, it is damaged, of another kind or format, or holds
             no valid pattern.
     """
-    place = checked_path("path", path, PatternFileError)
+    place = checked_path("path", path, FileError)
     remedy = f"Give a {NAME} of `toros unwrap`."
-    return read_archive(place, KIND, pattern_of, PatternFileError, remedy)
+    return read_archive(place, KIND, pattern_of, FileError, remedy)
 
 
 @on_root
@@ -56,18 +56,18 @@ def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
     """Read a pattern of a design and which of its triangles are printed, (t,) (collective).
 
     Raises:
-        PatternFileError: As for `read_pattern`, or the file does not say what is printed.
+        FileError: As for `read_pattern`, or the file does not say what is printed.
     """
-    place = checked_path("path", path, PatternFileError)
+    place = checked_path("path", path, FileError)
     remedy = f"Give the {NAME} of a design."
 
     def make(archive: Archive) -> tuple[Pattern, Bools]:
         pattern, printed = pattern_of(archive), archive.arrays.get(PRINTED)
         if printed is None or printed.dtype != bool or printed.shape != pattern.panel.shape:
-            raise PatternFileError("it does not say which triangles are printed")
+            raise FileError("it does not say which triangles are printed")
         return pattern, printed
 
-    return read_archive(place, KIND, make, PatternFileError, remedy)
+    return read_archive(place, KIND, make, FileError, remedy)
 
 
 def archive_of(

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from toros_fem.base import compat
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.errors import PatternError
-from toros_fem.base.mpi import Distributed, collective, gather_by_index
+from toros_fem.base.mpi import gather_by_index, require_comm
 from toros_fem.base.validation import require_kind
 from toros_fem.meshes.pattern import Pattern
 
@@ -25,7 +25,7 @@ SMALLEST, LARGEST = 1e-4, 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Skin(Distributed):
+class Skin:
     """A sewn pattern, distributed over the ranks of a communicator.
 
     The geometry is the flat pattern (gdim = tdim = 2, three corners per cell), the topology is the
@@ -88,15 +88,15 @@ class Skin(Distributed):
         return gather_by_index(self.comm, self.owned_cells, owned, len(self.pattern.panel))
 
 
-@collective("comm")
 def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     """Sew a pattern into a skin, distributed over a communicator (collective).
 
     Raises:
-        ParameterError: The pattern is no `Pattern`, or not the same on all ranks.
+        ParameterError: The pattern is no `Pattern`.
         PatternError: There are more ranks than triangles, or the skin is smaller than 0.1 mm or
             larger than 10 m.
     """
+    require_comm(comm)
     require_kind("pattern", pattern, Pattern, "a Pattern, by meshes.cylinder for instance")
     if comm.size > len(pattern.panel):
         raise PatternError(

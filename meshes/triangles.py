@@ -15,7 +15,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import ManifoldError, MeshSizeError, OrientationError
+from toros_fem.base.errors import MeshSizeError, PatternError
 from toros_fem.base.validation import require_count
 
 # Such a skin needs about 50 GB: docs/command_line.md.
@@ -161,12 +161,12 @@ def clashing(triangles: Ints, edges: Edges) -> Ints:
 
 
 def require_two_at_edges(points: Floats, edges: Edges) -> None:
-    """Check that no edge has more than two triangles; a ManifoldError names the first that has."""
+    """Check that no edge has more than two triangles; a PatternError names the first that has."""
     many = np.flatnonzero(edges.count > 2)
     if len(many):
         a, b = edges.ends[many[0]]
         users = np.flatnonzero(np.any(edges.of_triangle == many[0], axis=1))
-        raise ManifoldError(
+        raise PatternError(
             f"{len(many)} edges have more than two triangles, the first between vertices {a} and "
             f"{b} at {points[[a, b]].mean(axis=0)} m with triangles {users.tolist()}. A skin has "
             "one inside and one outside: correct the seams, remove inner walls, or export the "
@@ -183,14 +183,14 @@ def require_manifold(points: Floats, triangles: Ints, edges: Edges, remedy: str)
     wrong = clashing(triangles, edges)
     if len(wrong):
         (one, two), (a, b) = edges.sides[wrong[0]], half_edges(triangles)[edges.twins[wrong[0], 0]]
-        raise OrientationError(
+        raise PatternError(
             f"triangles {one} and {two} pass their common edge {a}-{b} in the same direction. "
             f"{remedy}"
         )
     first = np.unique(fans(triangles, edges, edges.inner), return_index=True)[1]
     pinched = np.flatnonzero(np.bincount(triangles.ravel()[first]) > 1)
     if len(pinched):
-        raise ManifoldError(
+        raise PatternError(
             f"vertex {pinched[0]} at {points[pinched[0]]} m joins fans of triangles that share no "
             "edge there; the surface pinches to a point. Separate the fans."
         )

@@ -231,9 +231,7 @@ BENDING: tuple[Known, ...] = (
         run=rolled_energy,
         within=1e-2,
         note="All vertices and the border's direction are fixed: only the operator is tested. "
-        "Order 2, because chords replace arcs. The quadratic patch is exact inside. Its "
-        "order 1 comes from the border, where the mirror image is not exact if the sheet "
-        "twists along it.",
+        "Order 2, because chords replace arcs.",
     ),
     Known(
         name="rolled-up",

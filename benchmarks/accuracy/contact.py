@@ -14,7 +14,7 @@ from benchmarks.accuracy.known import Known, Measured
 from benchmarks.accuracy.membrane import DISC, THICKNESS
 from benchmarks.accuracy.scenes import entry, membrane_case, table_a
 from benchmarks.accuracy.touching import (
-    BALL_WEIGHT,
+    BALL_FORCE,
     BELT_FRICTION,
     DRUM,
     DRUM_SIDES,
@@ -95,10 +95,10 @@ BALLS = (
     membrane_case(
         "contact",
         "ball-depth",
-        f"The same disc under a free ball of 8 mm radius and {BALL_WEIGHT:g} N, without friction "
-        "and pressure: depth of the ball.",
+        f"The same disc under a ball of 8 mm radius that presses by {BALL_FORCE:g} N, without "
+        "friction and pressure: depth of the ball.",
         "depth/a",
-        entry("membrane_under_ball", "depth_m", weight_N=f"{BALL_WEIGHT:g}") / DISC,
+        entry("membrane_under_ball", "depth_m", weight_N=f"{BALL_FORCE:g}") / DISC,
         "the equations of Yang & Hsu 1971 with eq. (1), by `accuracy/references.py`",
         lambda mesh, size: ball_depth(under_ball(mesh, size, size**2 // 4)),
         meshes=("structured", "unstructured"),

@@ -29,8 +29,8 @@ from toros_fem.meshes import Pattern, rectangle, sew
 
 # Pressure and height of the plate above the border, of the membrane blown against it.
 PLATE_PRESSURE, PLATE_HEIGHT = 1000.0, 6e-3
-# Weight of the ball that lies on the same membrane, and gravity, in m/s².
-BALL_WEIGHT, GRAVITY = 0.1, 9.81
+# Force of the ball on the same membrane.
+BALL_FORCE = 0.1
 # Its first height above the sheet: corners of its facets lie outside of its radius.
 BALL_START = 1e-4
 # The flattened tube: radius, distance of the middle surfaces when pressed, length, pressure.
@@ -175,7 +175,7 @@ def pole_height(found: Solved) -> Measured:
 
 @cache
 def under_ball(mesh: str, count: int, parts: int) -> Touched:
-    """The clamped disc of material A with a free ball in its middle.
+    """The clamped disc of material A under a ball that presses on its middle by a given force.
 
     Args:
         mesh, count, parts: As in `against_plate`.
@@ -183,14 +183,28 @@ def under_ball(mesh: str, count: int, parts: int) -> Touched:
     pattern, supports = clamped_disc(mesh, count)
     distance = THICKNESS / parts
     height = BALL + THICKNESS / 2 + BALL_START
-    ball = rigid_sphere(
-        "ball", BALL, (0.0, 0.0, height),
-        mass=BALL_WEIGHT / GRAVITY, edge_length=DISC / (2 * count),
-    )  # fmt: skip
-    contact = Contact(
-        bodies=[ball], self_contact=False, distance=distance, gravity=(0.0, 0.0, -GRAVITY)
-    )
-    return Touching(pattern, table_a(), supports, contact).solve()
+    ball = rigid_sphere("ball", BALL, (0.0, 0.0, height), edge_length=DISC / (2 * count))
+    contact = Contact(bodies=[ball], self_contact=False, distance=distance)
+    touching = Touching(pattern, table_a(), supports, contact)
+    # A plain sheet without a pull has no stiffness: a pressure holds it until the ball does.
+    at = touching.solve(PLATE_PRESSURE / 10)
+    seconds, depths, forces = at.seconds, [0.4 * DISC, 0.41 * DISC], []
+    for pressure in (PLATE_PRESSURE / 10, 0.0):
+        at = touching.solve(pressure, poses=lowered(depths[0]), start=at.result)
+        seconds += at.seconds
+    while len(forces) < len(depths):
+        at = touching.solve(poses=lowered(depths[len(forces)]), start=at.result)
+        seconds += at.seconds
+        forces.append(-float(at.touch[:, 2].sum()))
+        if len(forces) > 1 and abs(forces[-1] - BALL_FORCE) > 1e-9 * BALL_FORCE:
+            slope = (forces[-1] - forces[-2]) / (depths[-1] - depths[-2])
+            depths.append(depths[-1] + (BALL_FORCE - forces[-1]) / slope)
+    return replace(at, seconds=seconds)
+
+
+def lowered(depth: float) -> Floats:
+    """Return the pose of the only body, moved down."""
+    return np.array([[0.0, 0.0, -depth, 0.0, 0.0, 0.0]])
 
 
 def ball_depth(found: Touched) -> Measured:

@@ -177,9 +177,7 @@ def random_composite(rng: Random, size: float, *, few_terms: bool) -> Composite:
     if few_terms:
         return composite
     terms: dict[str, Any] = {}
-    kind = str(
-        rng.choice(["midedge", "average", "quadratic", "membrane"], p=[0.55, 0.2, 0.2, 0.05])
-    )
+    kind = str(rng.choice(["midedge", "average", "membrane"], p=[0.55, 0.4, 0.05]))
     assert composite.bending is not None
     terms["bending"] = (
         None

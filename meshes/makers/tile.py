@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError
-from toros_fem.base.mpi import collective, on_root
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_floats,
     real_numbers,
@@ -89,7 +89,6 @@ class Tile:
         pattern = whole.tile.pattern
         return one_panel(pattern.flat_points, pattern.flat_triangles), whole.cell
 
-    @collective("comm")
     def following(
         self, comm: MPI.Comm, region: BaseGeometry, edge_length: float | None = None
     ) -> tuple[Tile, Bools]:

@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import OutlineError
-from toros_fem.base.mpi import collective, on_root
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_axes,
     require_count,
@@ -190,7 +190,6 @@ WALKER = Star(4, 0.06, 0.024, 0.02, 6e-3, np.pi / 4)
 GRIPPER = Star(3, 0.09, 0.025, 0.025, 6e-3)
 
 
-@collective("comm")
 def walker(
     comm: MPI.Comm, edge_length: float, star: Star = WALKER, *, planes: Sequence[int] = ()
 ) -> Pattern:
@@ -204,7 +203,6 @@ def walker(
     return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
 
 
-@collective("comm")
 def gripper(
     comm: MPI.Comm, edge_length: float, star: Star = GRIPPER, *, planes: Sequence[int] = ()
 ) -> Pattern:
@@ -215,7 +213,6 @@ def gripper(
     return walker(comm, edge_length, star, planes=planes)
 
 
-@collective("comm")
 def finger(
     comm: MPI.Comm,
     edge_length: float,

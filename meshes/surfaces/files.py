@@ -16,7 +16,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import SurfaceError, TargetError, TorosError, UnitError
+from toros_fem.base.errors import ParameterError, SurfaceError, TorosError
 from toros_fem.base.files import MOST_BYTES
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
@@ -154,10 +154,10 @@ def read_surface(
 
     Raises:
         ParameterError: scale is not positive, or component not a whole number from 0.
-        UnitError: The surface is smaller than 0.1 mm or larger than 10 m.
-        SurfaceError: The file cannot be read, has no triangles, several components, or lines that
-            are not edges of its triangles.
-        ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
+        SurfaceError: The surface is smaller than 0.1 mm or larger than 10 m. The file cannot be
+            read, has no triangles, several components, or lines that are not edges of its
+            triangles.
+        PatternError: As of `Surface`.
     """
     path = checked_path("path", path, SurfaceError)
     require_positive(scale=scale)
@@ -167,7 +167,7 @@ def read_surface(
     with np.errstate(over="ignore", invalid="ignore"):
         size = float(np.ptp(points, axis=0).max())
     if not SMALLEST <= size * scale <= LARGEST:
-        raise UnitError(
+        raise SurfaceError(
             f"{path} is {size * scale:.3g} m across with scale = {scale:g}; surfaces are "
             f"{SMALLEST:g} m to {LARGEST:g} m. {unit_hint(size)}"
         )
@@ -401,19 +401,19 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
     may be in any order. OBJ, PLY and VTU files keep it; STL files do not.
 
     Raises:
-        TargetError: The file cannot be read, has a position that is not finite, or its mesh is
+        ParameterError: The file cannot be read, has a position that is not finite, or its mesh is
             not the pattern's.
     """
-    path = checked_path("path", path, TargetError)
+    path = checked_path("path", path, ParameterError)
     require_kind("pattern", pattern, Pattern, "a Pattern")
     points, theirs = _mesh_in_space(path, DEFORMED_FORMATS)
     if len(points) != len(pattern.points):
-        raise TargetError(
+        raise ParameterError(
             f"{path} has {len(points)} vertices; the skin has {len(pattern.points)}. Deform the "
             "skin itself, and keep the order of its vertices."
         )
     if len(theirs) != len(pattern.panel):
-        raise TargetError(
+        raise ParameterError(
             f"{path} has {len(theirs)} triangles; the skin has {len(pattern.panel)}. Deform the "
             "skin itself, and do not remesh it."
         )
@@ -426,7 +426,7 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
     missing = np.flatnonzero(~np.isin(ours, theirs))
     if len(missing):
         cell = int(missing[0])
-        raise TargetError(
+        raise ParameterError(
             f"triangle {cell} of the skin, between the vertices {pattern.triangles[cell]}, is not "
             f"in {path}: the vertices are in another order, or the surface is inside out. Export "
             "it so that the order is kept."
@@ -436,17 +436,19 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
 
 def _mesh_in_space(path: Path, formats: str) -> tuple[Floats, Ints]:
     """Read points (n, 3), in the unit of a file, and triangles (t, 3) of a deformed mesh."""
-    content = load(path, TargetError, formats)
-    points = real_numbers(f"points of {path}", content.points, "(n, 3)", TargetError)
+    content = load(path, ParameterError, formats)
+    points = real_numbers(f"points of {path}", content.points, "(n, 3)", ParameterError)
     triangles = content.triangles
     if not len(triangles) or points.ndim != 2 or points.shape[1] != 3:
-        raise TargetError(f"{path} holds no triangles in space. Save the deformed surface.")
+        raise ParameterError(f"{path} holds no triangles in space. Save the deformed surface.")
     if triangles.min() < 0 or triangles.max() >= len(points):
-        raise TargetError(f"{path} has a triangle at a vertex that is not there. Export it again.")
+        raise ParameterError(
+            f"{path} has a triangle at a vertex that is not there. Export it again."
+        )
     wrong = triangles[~np.isfinite(points[triangles]).all(axis=2)]
     if len(wrong):
         vertex = wrong.min()
-        raise TargetError(
+        raise ParameterError(
             f"vertex {vertex} of {path} lies at {points[vertex]}, which is not finite."
         )
     return points, triangles
@@ -463,20 +465,20 @@ def from_copy(
     files in m. It is collective.
 
     Raises:
-        TargetError: A file cannot be read, they have other triangles, corners that meet in one
+        ParameterError: A file cannot be read, they have other triangles, corners that meet in one
             file are apart in the other, or a vertex of the pattern is none of the file.
     """
     meshes = [_mesh_in_space(path, f"STL, {DEFORMED_FORMATS}") for path in (original, deformed)]
     before, after = (scale * points[triangles].reshape(-1, 3) for points, triangles in meshes)
     if len(before) != len(after):
-        raise TargetError(
+        raise ParameterError(
             f"{deformed} has {len(after) // 3} triangles, {original} has {len(before) // 3}. "
             "Deform the same mesh, and do not remesh it."
         )
     near = APART * pattern.size
     gap, first = cKDTree(before).query(pattern.points)
     if gap.max() > near:
-        raise TargetError(
+        raise ParameterError(
             f"vertex {int(np.argmax(gap))} of the skin is none of {original}, which is repaired "
             "when it is read. Save the repaired surface, and deform that one."
         )
@@ -486,7 +488,7 @@ def from_copy(
     apart = np.where(gap <= near, np.linalg.norm(after - target[vertex], axis=1), 0.0)
     if apart.max() > near:
         corner = int(np.argmax(apart))
-        raise TargetError(
+        raise ParameterError(
             f"triangle {corner // 3} of {deformed} does not meet its neighbours at the corner that "
             f"was at {before[corner]} m: the triangles are in another order than in {original}, or "
             "the surface is torn. Export it so that the order is kept."

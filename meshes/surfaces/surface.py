@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import DegenerateTriangleError, OrientationError, SurfaceError
+from toros_fem.base.errors import PatternError, SurfaceError
 from toros_fem.base.validation import checked_names
 from toros_fem.meshes.pattern import keep_arrays, require_indices
 from toros_fem.meshes.triangles import (
@@ -40,9 +40,9 @@ class Surface:
 
     Raises:
         SurfaceError: The arrays do not fit together, hold NaN, or the surface is not connected.
-        DegenerateTriangleError, ManifoldError, OrientationError: It has triangles thinner than
-            `MIN_SHAPE`, an edge of more than two or a vertex of several fans of them, neighbours
-            that are oriented differently, or is closed and faces inwards.
+        PatternError: It has triangles thinner than `MIN_SHAPE`, an edge of more than two or a
+            vertex of several fans of them, neighbours that are oriented differently, or is closed
+            and faces inwards.
     """
 
     points: Floats
@@ -67,7 +67,7 @@ class Surface:
         remedy = "Reverse one of them; a surface with one side only cannot be sewn."
         require_manifold(self.points, self.triangles, edges_of(self.triangles), remedy)
         if self.closed and volume(self.points, self.triangles) <= 0:
-            raise OrientationError(
+            raise PatternError(
                 "the closed surface faces inwards: its volume is not positive. Swap two corners "
                 "of every triangle."
             )
@@ -104,7 +104,7 @@ class Surface:
         thin = np.flatnonzero(shape < MIN_SHAPE)
         if len(thin):
             worst = int(np.argmin(shape))
-            raise DegenerateTriangleError(
+            raise PatternError(
                 f"{len(thin)} triangles are thinner than {MIN_SHAPE:g} of their longest edge, the "
                 f"worst, {worst}, at {self.points[self.triangles[worst]].mean(axis=0)} m with "
                 f"{shape[worst]:.2g}. Remesh the surface."
@@ -155,7 +155,7 @@ def oriented(triangles: Ints) -> Ints:
     label = linked(rows, cols, 2 * size)
     if np.any(label[:size] == label[size:]):
         k = int(np.argmax(label[:size] == label[size:]))
-        raise OrientationError(
+        raise PatternError(
             f"the surface has one side only around triangle {k}, vertices "
             f"{triangles[k].tolist()}: it has no outside. Cut it, or remove the faces that "
             "connect its two sides."

@@ -2,14 +2,13 @@
 
 import logging
 import warnings
-from functools import partial
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from toros_fem.base import mpi
-from toros_fem.base.errors import ParameterError, TorosWarning, UnitWarning
+from toros_fem.base.errors import TorosWarning
 from toros_fem.base.mpi import warn_together
 from toros_fem.meshes import cylinder, sew
 
@@ -61,40 +60,16 @@ def test_first_rank_acts_for_all(comm: MPI.Comm) -> None:
         mpi.on_first_rank(comm, fail)
 
 
-def test_equal_arguments_pass(comm: MPI.Comm) -> None:
-    mpi.require_alike(comm, a=1.0, b="x", c=None, d=[1, (2, 3)], e=np.eye(2), f={"g": 1})
-    mpi.require_alike(comm, number=[1, 1.0, np.float64(1)][comm.rank % 3])
-
-
-def test_other_arguments_are_told_on_all_ranks(comm: MPI.Comm) -> None:
-    if comm.size == 1:
-        return
-    bound = partial(print, end=str(comm.rank))
-    for value in (comm.rank, str(comm.rank), [0, comm.rank], np.full(2, comm.rank), bound):
-        with pytest.raises(ParameterError, match="second differs between the ranks: .* on rank 1"):
-            mpi.require_alike(comm, first=0, second=value)
-
-
-def test_arguments_of_one_rank_alone_are_told(comm: MPI.Comm) -> None:
-    if comm.size == 1:
-        return
-    given = {} if comm.rank == 0 else {"third": comm.rank}
-    with pytest.raises(
-        ParameterError, match="third differs between the ranks: None on rank 0, 1 o"
-    ):
-        mpi.require_alike(comm, first=0, **given)
-
-
 def test_warnings_come_from_one_rank(comm: MPI.Comm) -> None:
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        mpi.warn_together(comm, "odd", UnitWarning)
+        mpi.warn_together(comm, "odd", TorosWarning)
     assert len(found) == (1 if comm.rank == 0 else 0)
 
 
 def test_warnings_point_at_the_code_of_the_user(alone: MPI.Comm) -> None:
     """However deep in the package they arise."""
-    with pytest.warns(UnitWarning) as found:
+    with pytest.warns(TorosWarning) as found:
         sew(alone, cylinder(alone, 30.0, 2.0, 0.5, mesh="structured"))
     assert found[0].filename == __file__
 

@@ -39,7 +39,6 @@ COARSE = [
     ("plate-supported", "midedge", "jittered", 0.1, 1.85),
     ("rolled-energy", "midedge", "unstructured", 4e-4, 1.6),
     ("rolled-energy", "average", "right", 4e-5, 1.6),
-    ("rolled-energy", "quadratic", "crossed", 1.6e-3, None),
     ("cantilever", "midedge", "right", 2e-3, None),
     ("pulled-cylinder", "midedge", "unstructured", 2e-2, None),
 ]

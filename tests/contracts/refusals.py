@@ -36,9 +36,7 @@ from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
-from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.paths.trace_point import TracePoint
-from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
@@ -119,10 +117,6 @@ class Scene:
             path.write_bytes(content.encode() if isinstance(content, str) else content)
         self.comm.barrier()
         return path
-
-    def by_rank(self, one: Any, other: Any) -> Any:
-        """A value that is another one on all ranks but the first."""
-        return one if self.comm.rank == 0 else other
 
 
 def each(call: Callable[..., object], *wrong: dict[str, Any], **good: Any) -> Table:
@@ -408,11 +402,6 @@ SOLVES: Table = {
     "first increment is zero": lambda s: ArcLengthOptions(first_increment=0),
     "limit points of numbers": lambda s: tf.limit_points([1.0, 2.0]),
     "limit points of a path": lambda s: tf.limit_points(iter([])),
-    "states in 0 tries": lambda s: find_states(s.solver, s.plain, 10.0, tries=0),
-    "states by a word": lambda s: find_states(s.solver, s.plain, 10.0, seed="x"),
-    "error of nothing": lambda s: estimate_error(s.solver, None, [tf.swelling]),
-    "error of a function": lambda s: estimate_error(s.solver, s.result, tf.swelling),
-    "error of a name": lambda s: estimate_error(s.solver, s.result, ["swelling"]),
     "wrinkles of a membrane": lambda s: wrinkle_field(s.solver, s.plain, s.result),
     "wrinkles of nothing": lambda s: wrinkle_field(s.solver, s.plain, None),
 }

@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from toros_fem.base import files
 from toros_fem.base.archive import Archive
-from toros_fem.base.errors import CheckpointError, OutputError, RunError
+from toros_fem.base.errors import CheckpointError, FileError, OutputError
 from toros_fem.base.files import LISTED, UNFINISHED, guarded, write_json, write_table
 from toros_fem.results.runs.folder import open_run, read_record
 from toros_fem.results.runs.journal import BEFORE, RunJournal
@@ -126,7 +126,7 @@ def check(folder: Path, written: dict[str, set[bytes]], earlier: dict[str, bytes
         if record.finished:
             return
         run(folder, resume=True)
-    except RunError:
+    except FileError:
         assert "state/run.json" not in before, "what has a record goes on"
         run(folder)
     last = contents(folder)
@@ -157,7 +157,7 @@ def test_a_fault_at_each_write(
                 assert child(partial(run, folder)) == 9
             else:
                 failing_at(patch, number, full)
-                with pytest.raises((OutputError, RunError), match="No space left"):
+                with pytest.raises(OutputError, match="No space left"):
                     run(folder)
                 assert not list(folder.rglob(f"*{UNFINISHED}")), "nothing is left beside a file"
         check(folder, known, earlier)
@@ -186,14 +186,14 @@ def test_a_folder_in_use(resume: bool, tmp_path: Path) -> None:
     try:
         assert os.read(reader, 6) == b"locked"
         before = contents(folder)
-        with pytest.raises(RunError, match=f"process {other} on "):
+        with pytest.raises(OutputError, match=f"process {other} on "):
             open_run(ALONE, folder, INPUTS, resume=resume)
         assert contents(folder) == before, "nothing was moved"
     finally:
         os.kill(other, signal.SIGKILL)
         os.waitpid(other, 0)
     with open_run(ALONE, folder, INPUTS, resume=resume):  # noqa: SIM117
-        with pytest.raises(RunError, match="in use"):
+        with pytest.raises(OutputError, match="in use"):
             open_run(ALONE, folder, INPUTS, resume=resume)
 
 

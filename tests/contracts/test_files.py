@@ -311,14 +311,14 @@ def content_of(path: Path, kind: str) -> Archive:
 FORMATS = {
     "pattern": Format(
         patterns(), named("pattern.npz", write_pattern), partial(read_pattern, ALONE),
-        (errors.PatternFileError,),
+        (errors.FileError,),
     ),
     "print": Format(
         prints(), named("print.npz", write_stored),
-        partial(read_print_polygons, ALONE), (errors.PatternFileError,),
+        partial(read_print_polygons, ALONE), (errors.FileError,),
     ),
     "tile": Format(
-        tiles(), write_tile_of, lambda p: read_tile(ALONE, p.parent), (errors.TileFileError,)
+        tiles(), write_tile_of, lambda p: read_tile(ALONE, p.parent), (errors.FileError,)
     ),
     "frame": Format(
         frames(), write_frame_of, lambda p: read_frames(p.parent, p.stem.split("-")[0])[0],
@@ -333,15 +333,15 @@ FORMATS = {
         partial(content_of, kind="checkpoint"), (errors.CheckpointError,),
     ),
     "run": Format(
-        inputs(), write_run, read_inputs, (errors.RunError, errors.CheckpointError), lambda x: {}
+        inputs(), write_run, read_inputs, (errors.OutputError, errors.CheckpointError), lambda x: {}
     ),
     "scene": Format(
-        scenes(), named("scene.toml", write_scene), read_scene_of, (errors.SceneError,),
+        scenes(), named("scene.toml", write_scene), read_scene_of, (errors.FileError,),
         default_scene,
     ),
     "materials": Format(
         materials(), named("materials.toml", write_library), read_materials,
-        (errors.LibraryError,), bare=lambda x: {},
+        (errors.FileError,), bare=lambda x: {},
     ),
 }  # fmt: skip
 
@@ -568,7 +568,7 @@ def test_damaged_meshes(name: str, faults: list[tuple[str, float, int]], folder:
         found = read_surface(ALONE, path)
         assert np.isfinite(found.points).all()
         assert np.array_equal(np.unique(found.triangles), np.arange(len(found.points)))
-    with contextlib.suppress(errors.TargetError):
+    with contextlib.suppress(errors.ParameterError):
         target = from_mesh(ALONE, path, skin)
         assert target.shape == skin.points.shape
         assert np.isfinite(target).all()

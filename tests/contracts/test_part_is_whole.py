@@ -142,7 +142,6 @@ BOX = partial(Scene, composite=SHEET, held=partial(clamped, ["bottom"]), pressur
 ROWS = {
     "half, membrane": HALF(Composite(bending=None), metrics=BENT),
     "half, midedge": HALF(metrics=BENT),
-    "half, quadratic": HALF(Composite(bending=Bending("quadratic"))),
     "half, average": HALF(Composite(bending=Bending("average"))),
     "half, unstructured": Scene(partial(tube, (1,), "unstructured"), (1,), BASE, metrics=BENT),
     "half, knit along": HALF(Composite(knit=Knit(2.5, 0.0))),

@@ -12,13 +12,7 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.base.errors import (
-    MaterialWarning,
-    OptionWarning,
-    ResolutionWarning,
-    TorosWarning,
-    UnitWarning,
-)
+from toros_fem.base.errors import TorosWarning
 from toros_fem.design.density.filters import make_filter
 from toros_fem.mechanics.equilibrium.petsc_options import given_options
 from toros_fem.meshes import Pattern, cylinder
@@ -46,17 +40,17 @@ def misspelt(comm: MPI.Comm) -> None:
 # Each place that warns: its file and how many there are, and calls that lead there.
 WARNS: dict[str, list[tuple[type[TorosWarning], Callable[[MPI.Comm], object]]]] = {
     "toros_fem/design/density/neighbours.py": [
-        (ResolutionWarning, lambda c: make_filter("cone", tf.sew(c, tube(c)), 9e-3))
+        (TorosWarning, lambda c: make_filter("cone", tf.sew(c, tube(c)), 9e-3))
     ],
     "toros_fem/mechanics/equilibrium/solver.py": [
-        (UnitWarning, lambda c: solver(c, fabric=tf.Material(1e5, 0.3, 0.5))),
-        (MaterialWarning, lambda c: solver(c, reinforcement=SOFT)),
+        (TorosWarning, lambda c: solver(c, fabric=tf.Material(1e5, 0.3, 0.5))),
+        (TorosWarning, lambda c: solver(c, reinforcement=SOFT)),
         (
-            MaterialWarning,
+            TorosWarning,
             lambda c: solver(c, reinforcement=tf.Material(26e6, 0.3, 1e-3, c1=2.5, c2=3.0)),
         ),
     ],
-    "toros_fem/mechanics/equilibrium/petsc_options.py": [(OptionWarning, misspelt)],
+    "toros_fem/mechanics/equilibrium/petsc_options.py": [(TorosWarning, misspelt)],
 }
 CALLS = [(place, k) for place, of in WARNS.items() for k in range(len(of))]
 

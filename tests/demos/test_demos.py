@@ -54,8 +54,6 @@ def of_problem(problem: Any, settings: Any, history: Any) -> Model:
 
 def densities(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
     one = replace(options, stages=(replace(options.stages[0], iterations=1),))
-    # Nothing else tells robust stages from others: no demo has a tolerance of widths.
-    options = replace(options, stages=tuple(replace(s, robust=True) for s in options.stages))
     return of_problem(problem, options, optimize(problem, one, seed=seed).history)
 
 

@@ -70,7 +70,6 @@ SKINS: dict[str, Maker] = {
     "bend, whole": scene("bend", whole=True),
     "bend, membrane": scene("bend", bending=None),
     "bend, average curvature": scene("bend", bending="average"),
-    "bend, quadratic curvature": scene("bend", bending="quadratic"),
     "bend, hinged seams": scene("bend", seams="hinged"),
     "bend, wrinkling": scene("bend", bending=None, wrinkling="tension-field"),
     "bend, knit": scene("bend", knit_ratio=3.0),

@@ -47,7 +47,6 @@ HELD = own_mesh.Held(where="z < 4 mm")
 ACTUATORS: dict[str, ActuatorScene] = {
     "bend": bend.BendScene.of(**TUBE),
     "bend whole": bend.BendScene.of(**TUBE, whole=True),
-    "bend robust": bend.BendScene.of(**TUBE, width_tolerance=4e-4),
     "bend wrinkling": bend.BendScene.of(**TUBE, wrinkling="tension-field", filter="helmholtz"),
     "bend knit bladder": bend.BendScene.of(
         **TUBE, knit_ratio=3.0, bladder_thickness=3e-4, print_side="outside"
@@ -109,7 +108,6 @@ def figures_of(problem: DesignProblem, at: Evaluation, slopes: Slopes) -> dict[s
         "residual slopes": [
             gather(row.reshape(fields.shape)) for row in slopes.residuals.gradients
         ],
-        "spread": at.spread,
         **problem.metrics_of(found),
     }
     if isinstance(found, Equilibrium):

@@ -1,13 +1,11 @@
 """Design problems."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from helpers.standing import solver_on_base
 from toros_fem.base.array_types import Floats
 from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
@@ -18,10 +16,8 @@ from toros_fem.design.loop.fields import DensityFields, densities_of
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.design.loop.regularisation import Regularisation
-from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.materials.sheet import Composite
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Pattern, Skin, bend
@@ -99,27 +95,6 @@ def full(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProbl
     """All that a problem has: pressure designed, perimeter penalised, widths constrained."""
     plain = bounded(make_problem(skin, solver, beta), 1e3, 2e4)
     return plain.changed(terms=[border_term(skin, 1e-4)], length_scale=widths_of(plain))
-
-
-def with_variants(
-    plain: ShapeProblem, solver: Callable[[], EquilibriumSolver], weight: float
-) -> ShapeProblem:
-    """The same problem with the eroded and the dilated pattern, each with a solver of its own."""
-
-    def variant() -> InflatedSkin:
-        return dataclasses.replace(plain.physics, solver=solver())
-
-    fields, tolerance = densities_of(plain.fields), WidthTolerance(0.2 * RADIUS, weight)
-    return plain.changed(robust=Variants(tolerance, fields.filter, fields.projection.eta, variant))
-
-
-def robust(tube: Skin, weight: float = 1e4) -> ShapeProblem:
-    """All of `full`, with variants."""
-
-    def solver() -> EquilibriumSolver:
-        return solver_on_base(tube, Composite(bending=None))
-
-    return with_variants(full(tube, solver()), solver, weight)
 
 
 def widths_of(problem: ShapeProblem, widths: LengthScale | None = None) -> LengthScaleConstraints:

@@ -15,7 +15,6 @@ from helpers.designs import (
     make_problem,
     passive_in,
     widths_of,
-    with_variants,
 )  # fmt: skip
 from helpers.line_fields import two_sheets
 from helpers.models import line_design
@@ -58,7 +57,6 @@ from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.designs import LineDesign
@@ -343,12 +341,6 @@ def relaxed(families: Families, comm: MPI.Comm) -> ShapeProblem:
     return relaxed_problem(density_problem(comm), families, 0.015, share_weight=0.05, crossing=0.3)
 
 
-def robust(comm: MPI.Comm) -> ShapeProblem:
-    """Eroded and dilated patterns too."""
-    plain = density_problem(comm)
-    return with_variants(plain, lambda: solver_on(plain.skin), 1e5)
-
-
 def tile_problem(
     objective: ProfileObjective,
     symmetry: str,
@@ -414,70 +406,29 @@ def designed(
     )  # fmt: skip
 
 
-def loads(
-    make: Callable[[MPI.Comm], LoadPath],
-    densities: tuple[float, float],
-    size: float,
-    comm: MPI.Comm,
-    *,
-    last: bool = False,
-) -> Stage:
-    """Positions after the steps of a path, or after its last one.
-
-    By densities and, on the first rank, by the pressures in kPa of the steps that have one.
-    """
-    path = make(comm)
-    skin, steps, count = path.solver.skin, len(path.steps), len(path.solver.skin.owned_cells)
-    weights = [
-        None if last and k < steps - 1 else vertices(skin, 10 + k, 1.0) for k in range(steps)
-    ]
-    given = np.array([1e-3 * load.pressures[0] for load in path.steps])
-    own = given if given.any() and comm.rank == 0 else given[:0]
-    start = cells(skin, 1, *densities)
-    base = path.solve(start)
-    found = path.gradient(start, base, weights)
-
-    def values(x: Floats) -> Floats:
-        kilopascals = comm.bcast(x[count:])
-        pressures = 1e3 * kilopascals[:, None] if len(kilopascals) else None
-        there = zip(weights, path.solve(x[:count], pressures, base), strict=True)
-        work = sum(float((w * e.positions).sum()) for w, e in there if w is not None)
-        return np.array([total(comm, work)])
-
-    def gather(owned: Floats) -> Floats:
-        return np.append(skin.gather_cells(owned[:count]), comm.bcast(owned[count:]))
-
-    step = np.append(cells(skin, 15, -size, size), size * own * (-1.0) ** np.arange(len(own)))
-    gradient = np.append(found.density, 1e3 * found.pressures.ravel()[: len(own)])
-    return Stage(comm, values, np.append(start, own), step, [gradient], gather, 1e-8)
-
-
-def plain_path(comm: MPI.Comm) -> LoadPath:
-    return LoadPath(solver_on(sew(comm, tube())), [Load(2e3), Load(5e3)])
-
-
 def positions(
-    make: Callable[[MPI.Comm], tuple[EquilibriumSolver, Floats, float]],
+    make: Callable[[MPI.Comm], tuple[Any, ...]],
     columns: slice,
     comm: MPI.Comm,
     *,
     size: float = 1e-3,
 ) -> Stage:
-    """Positions under pressure by some columns of a design; `size` is that of a step."""
-    solver, rows, pressure = make(comm)
+    """Positions under the last load by some columns of a design; `size` is that of a step."""
+    solver, rows, *loads = make(comm)
+    after = solver.solve(rows, loads[0]) if len(loads) > 1 else None
     skin, rows = solver.skin, rows.reshape(len(rows), -1)
 
     def solved(x: Floats, start: Floats | None) -> Equilibrium:
         moved = rows.copy()
         moved[:, columns] = x
         design = moved if moved.shape[1] > 1 else moved[:, 0]
-        return solver.solve(design, pressure, start=start)
+        return solver.solve(design, loads[-1], start, after=after)
 
     point = rows[:, columns].copy()
     weight, base = vertices(skin, 3, 1.0), solved(point, None)
     right = np.zeros_like(base.state)
     solver.model.positions(right)[:] = weight
-    adjoint = solver.solve_tangent(right, base)
+    adjoint = solver.solve_tangent(right, base, adjoint=True)
     gradient = -solver.model.density_sensitivity(base.state, adjoint)
 
     def values(x: Floats) -> Floats:
@@ -508,15 +459,25 @@ def at_its_bound(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
     return solver, cells(skin, 3, 0.2, 0.8), 5e3
 
 
-def under_a_ball(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
-    """A free ball lies in a stretched sheet."""
-    solver = sheet_with_ball(comm, options=EXACT)
-    return solver, cells(solver.skin, 3, 0.01, 0.03), 0.0
+def under_a_ball(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, Load]:
+    """A plate presses a free ball into a stretched sheet."""
+    solver, load = sheet_with_ball(comm, options=EXACT)
+    return solver, cells(solver.skin, 3, 0.01, 0.03), load
 
 
 def touching(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
     solver = tube_on_floor_and_ball(sew(comm, tube()), options=EXACT)
     return solver, cells(solver.skin, 3, 0.01, 0.03), 5e3
+
+
+def with_friction(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, Load, Load]:
+    solver, put_down, drag = dragged(comm)
+    return solver, cells(solver.skin, 1, 0.25, 0.35), put_down, drag
+
+
+def padded(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
+    solver = on_pads(sew(comm, tube()))
+    return solver, cells(solver.skin, 1, 0.01, 0.03), 4e3
 
 
 TILE = partial(tile_problem, PROFILE, "tetragonal")
@@ -552,14 +513,12 @@ ROWS: dict[str, Make] = {
     "objective of a whole": partial(of_shape, half_tube, of_whole),
     "holding force": partial(of_shape, partial(square, n=5), held, disturbed=1e-3, step=1e-6),
     "design of a density": partial(designed, density_problem),
-    "design, robust": partial(designed, robust),
     "design of fixed lines": partial(designed, partial(relaxed, FAMILIES["fixed"])),
     "design of free lines": partial(designed, partial(relaxed, FAMILIES["free"]), low=0.55),
     "design of a tile": partial(designed, partial(TILE, batched=False)),
     "design of a tile by directions": partial(designed, partial(TILE, batched=True)),
     "contrast of a tile": partial(designed, partial(CHIRAL, batched=False)),
     "contrast of a pressed tile": partial(designed, partial(CHIRAL, batched=False, strain=-0.05)),
-    "path of loads": partial(loads, plain_path, (0.2, 0.8), 3e-3),
     "wrinkled": partial(positions, wrinkled, slice(0, 1)),
     "sheet under a free ball": partial(positions, under_a_ball, slice(0, 1), size=1e-5),
     "tube on floor and ball": partial(positions, touching, slice(0, 1), size=2e-4),
@@ -571,7 +530,6 @@ ROWS: dict[str, Make] = {
 # What takes long on several ranks, and has nothing of its own there.
 ON_ONE_RANK: dict[str, Make] = {
     "design of two chambers": partial(designed, chambered),
-    "path through friction": partial(loads, dragged, (0.25, 0.35), 6e-5),
-    "path through friction to its end": partial(loads, dragged, (0.25, 0.35), 1e-4, last=True),
-    "path on pads": partial(loads, lambda comm: on_pads(sew(comm, tube())), (0.01, 0.03), 1e-5),
+    "sheet with friction": partial(positions, with_friction, slice(0, 1), size=6e-5),
+    "tube on pads": partial(positions, padded, slice(0, 1), size=1e-5),
 }

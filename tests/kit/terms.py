@@ -39,10 +39,10 @@ PRESSURE, FABRIC, PRINT = 2e3, 0.2, 2.0
 FORCE = np.random.default_rng(4).uniform(-1e-2, 1e-2, SKIN.pattern.points.shape)
 NONE = Load(np.zeros(1))
 PRESSED = Load(np.array([PRESSURE]))
-HEAVY = Load(np.zeros(1), weight_fraction=1.0, bodies_fraction=1.0)
+HEAVY = Load(np.zeros(1), weight_fraction=1.0)
 DISTANCE, STIFFNESS = 2.5e-4, 1e5
 WALL = Ground((-0.0104, 0.0, 0.0), (1.0, 0.0, 0.0))
-BALL = rigid_sphere("ball", 0.008, (0.0, 0.0, 0.0688), mass=0.05, edge_length=4e-3)
+BALL = replace(rigid_sphere("ball", 0.008, (0.0, 0.0, 0.0688), edge_length=4e-3), free=True)
 TIGHT = replace(SHEET, reinforcement=replace(SHEET.reinforcement, c1=1.2, c2=1.35))
 
 
@@ -157,7 +157,7 @@ TERMS = {
         composite=replace(TIGHT, bending=None, membrane=Membrane("tension-field", 1e-3))
     ),
     "average curvature": bent("average"),
-    "quadratic curvature at a mirror": bent("quadratic", skin=OPEN),
+    "average curvature at a mirror": bent("average", skin=OPEN),
     "hinged seams": bent("midedge", "hinged"),
     "assembled rest at a mirror": bent("midedge", "continuous", "assembled", skin=OPEN),
     "average curvature, printed outside": bent("average", side="outside"),
@@ -215,7 +215,7 @@ TERMS = {
         free=False,
     ),
     "ball": Term(
-        {"contact": Contact(bodies=[BALL], distance=1e-3, friction=0.5)}, HEAVY, kinds=2, free=False
+        {"contact": Contact(bodies=[BALL], distance=1e-3, friction=0.5)}, kinds=2, free=False
     ),
     "the skin itself": Term(
         {"contact": Contact(distance=6e-3, stiffness=1e5)}, width=0.3

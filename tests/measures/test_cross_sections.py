@@ -63,7 +63,7 @@ def test_sections_on_a_line_have_no_orientation(alone: MPI.Comm) -> None:
         pattern, np.arange(len(pattern.points)), (1, 0, 0), 12, border=False
     )
     places, turns = np.ones((12, 3)), np.ones(12)
-    with pytest.raises(errors.TargetError, match=r"section 0 .* lies on a line.* Use fewer"):
+    with pytest.raises(errors.ParameterError, match=r"section 0 .* lies on a line.* Use fewer"):
         CrossSectionObjective(skin, pattern.points, CrossSections(label, places, turns))
     objective = CrossSectionObjective(skin, pattern.points, CrossSections(label, places, 0 * turns))
     moved = (pattern.points + [1e-3, 2e-3, 0])[skin.owned_vertices]
@@ -74,7 +74,7 @@ def test_sections_on_a_line_have_no_orientation(alone: MPI.Comm) -> None:
     whole = CrossSectionObjective(skin, pattern.points, CrossSections(body, places[:3], turns[:3]))
     crushed = (pattern.points * [1, 0, 0])[skin.owned_vertices]
     for act in (whole.forward, whole.backward):
-        with pytest.raises(errors.TargetError, match="section 0 .* lies on a line"):
+        with pytest.raises(errors.ParameterError, match="section 0 .* lies on a line"):
             act(crushed)
 
 

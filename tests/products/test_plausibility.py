@@ -224,7 +224,6 @@ def test_a_simulation_refuses_what_a_design_refuses(
     [
         'island_area = "5000 cm2"',
         'filter_radius = "30 mm"',
-        'width_tolerance = "2 mm"',
         'line_width = "20 mm"',
     ],
 )
@@ -272,7 +271,7 @@ def test_check_refuses_what_the_finest_mesh_cannot_do(
 ) -> None:
     """A filter of a coarser mesh could; and a relaxed start has no filter of densities."""
     path = tmp_path / "a.toml"
-    skin, widths = 'edge_length = "0.8 mm"', 'filter_radius = "1.5 mm"\nwidth_tolerance = "0.7 mm"'
+    skin, widths = 'edge_length = "0.8 mm"', 'filter_radius = "1.5 mm"\nline_width = "4 mm"'
     path.write_text(f'kind = "bend"\n[skin]\n{skin}\n[design]\n{widths}\nlevels = 1\n', "utf-8")
     assert run(MPI.COMM_SELF, ["check", str(path), "--no-probe"]) == 2
     assert f"{path}, line 6: " in capsys.readouterr().err

@@ -165,9 +165,7 @@ def test_what_binds(result: DesignResult, printed: PrintedDesign) -> None:
     assert at_bound not in dataclasses.replace(found, design=free).binding
     assert at_bound in dataclasses.replace(found, design=tight).binding
     stretched = dataclasses.replace(made.equilibrium, stretch_use=0.98)
-    full = dataclasses.replace(
-        printed, evaluation=dataclasses.replace(made, responses=(stretched,))
-    )
+    full = dataclasses.replace(printed, evaluation=dataclasses.replace(made, equilibrium=stretched))
     assert "98% of the stretch bounds are used" in dataclasses.replace(found, printed=full).binding
     hole = PanelRegion(0, shapely.box(0.0, 0.0, 1e-3, 1e-3))
     joined: Any = (hole,)

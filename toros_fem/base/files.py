@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError, TorosError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 
 T = TypeVar("T")
 # Most bytes of a file that is read whole, by what it is, far beyond what makes sense.
@@ -280,7 +280,6 @@ def naming(
         raise error(says.format(path, reason(caught))) from None
 
 
-@collective("comm", owned=("action",))
 def guarded(
     comm: MPI.Comm,
     folder: str | Path,
@@ -296,7 +295,6 @@ def guarded(
     and others stay (`listing`).
 
     Raises:
-        ParameterError: The folder differs between the ranks.
         Exception: `error`, as of `naming`, or what the action raises; on all ranks.
     """
     folder = Path(folder)

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import gc
-import hashlib
-import inspect
 import logging
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Generic, NoReturn, ParamSpec, TypeVar, cast
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import is_number, require_kind, shown
+from toros_fem.base.validation import require_kind
 
 # Time in s that a rank with an error waits for the others before it ends them all.
 PATIENCE = 10.0
@@ -34,7 +30,6 @@ OWN = (f"{_PACKAGE}{os.sep}", f"{_PACKAGE.parent / 'meshes'}{os.sep}")
 T = TypeVar("T")
 R = TypeVar("R")
 P = ParamSpec("P")
-E = TypeVar("E", bound=Callable[..., Any])
 
 
 def total(comm: MPI.Comm, value: float) -> float:
@@ -128,81 +123,10 @@ def require_comm(comm: Any) -> None:
     require_kind("comm", comm, MPI.Comm, "an MPI communicator, one of mpi4py.MPI")
 
 
-class Distributed:
-    """Base of classes whose objects hold what their rank owns; of those only the type is compared.
-
-    Their numbers that are equal on all ranks were found by all of them together.
-    """
-
-
-def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
-    """Check that a communicator is one, and that arguments are equal on all its ranks (collective).
-
-    Of functions, of `Distributed` and of other objects only the type is compared. It comes before
-    any other check: what one rank alone refuses would leave the others waiting. A ParameterError
-    is raised on all ranks; of settings it names the field.
-    """
-    require_comm(comm)
-    if comm.size == 1:
-        return
-    digests = comm.allgather({name: _digest(value) for name, value in arguments.items()})
-    for name in dict.fromkeys(name for own in digests for name in own):  # some may leave it out
-        first = digests[0].get(name)
-        other = next((rank for rank, own in enumerate(digests) if own.get(name) != first), 0)
-        if other:
-            _tell_different(comm, name, arguments.get(name), other)
-
-
-def collective(comm: str, *, owned: Sequence[str] = ()) -> Callable[[E], E]:
-    """Decorate an entry that all ranks call: its arguments must be equal on all of them.
-
-    An entry is a function, a method, or a class, whose objects all ranks make.
-
-    `comm` says where its communicator is: an argument and attributes, as "self.skin.comm". Where it
-    cannot be found, or is None, the entry is called as it is, and refuses what it was given. Of the
-    arguments in `owned` each rank has its own part: their type is compared, of arrays also the
-    number of axes.
-    """
-    first, *path = comm.split(".")
-
-    def decorate(entry: E) -> E:
-        if isinstance(entry, type):
-            entry.__init__ = decorate(entry.__init__)  # type: ignore[misc]
-            return entry
-        signature = inspect.signature(entry)
-        known = signature.parameters.values()
-        several = next((one.name for one in known if one.kind == one.VAR_KEYWORD), "")
-
-        @functools.wraps(entry)
-        def checked(*args: Any, **kwargs: Any) -> Any:
-            try:
-                bound = signature.bind(*args, **kwargs)
-                bound.apply_defaults()  # ranks may differ in what they leave out
-                given = bound.arguments
-                over = functools.reduce(getattr, path, given[first])
-            except (TypeError, KeyError, AttributeError):
-                return entry(*args, **kwargs)
-            if over is None:
-                return entry(*args, **kwargs)
-            require_comm(over)
-            if over.size > 1:
-                given |= given.pop(several, {})
-                given.pop(first)
-                if (owner := given.pop("self", None)) is not None:
-                    given[type(owner).__name__] = owner
-                alike = {n: _Owned(one) if n in owned else one for n, one in given.items()}
-                require_alike(over, **alike)
-            return entry(*args, **kwargs)
-
-        return cast(E, checked)
-
-    return decorate
-
-
 def on_root(entry: Callable[P, T]) -> Callable[P, T]:
     """Decorate an entry that all ranks call, and that the first rank of its `comm` alone runs.
 
-    Its arguments must be equal on all ranks, which return the same and raise the same.
+    Its arguments are those of the first rank; all ranks return the same and raise the same.
     """
 
     @functools.wraps(entry)
@@ -210,72 +134,7 @@ def on_root(entry: Callable[P, T]) -> Callable[P, T]:
         comm: Any = kwargs.get("comm", args[0] if args else None)
         return on_first_rank(comm, lambda: entry(*args, **kwargs))
 
-    return collective("comm")(shared)
-
-
-class _Owned:
-    """What one rank has of an argument."""
-
-    def __init__(self, value: Any) -> None:
-        self.value = value
-
-    def __repr__(self) -> str:
-        return shown(self.value)
-
-    @property
-    def kind(self) -> str:
-        """What is equal on all ranks."""
-        return f"{type(self.value).__qualname__} {getattr(self.value, 'ndim', '')}"
-
-
-def _tell_different(comm: MPI.Comm, name: str, value: Any, other: int) -> NoReturn:
-    """Raise on all ranks that an argument differs, by the part of it that does (collective)."""
-    parts = {f"{name}.{field}": one for field, one in _fields(value).items()}
-    if len(set(comm.allgather((type(value).__qualname__, *parts)))) == 1:
-        require_alike(comm, **parts)
-    texts = comm.allgather(shown(value))
-    raise ParameterError(
-        f"{name} differs between the ranks: {texts[0]} on rank 0, {texts[other]} on rank {other}. "
-        "Give the same on all ranks: draw or read it on one and bcast it."
-    )
-
-
-def _fields(value: Any) -> dict[str, Any]:
-    """Return the fields of settings by name; of other objects none."""
-    if not dataclasses.is_dataclass(value) or isinstance(value, Distributed | type):
-        return {}
-    return {one.name: getattr(value, one.name, None) for one in dataclasses.fields(value)}
-
-
-def _digest(value: Any) -> bytes:
-    """Return a hash of a value that does not depend on the rank or the run."""
-    found = hashlib.blake2b(digest_size=16)
-    parts: Iterable[Any] = ()
-    if isinstance(value, np.ndarray) and value.dtype != object:
-        found.update(f"{value.dtype.kind}{value.shape}".encode())
-        found.update(value.tobytes())
-    elif isinstance(value, _Owned):
-        found.update(value.kind.encode())
-    elif is_number(value):
-        found.update(repr(float(value)).encode())
-    elif isinstance(value, str | bytes | bool | Path | None):
-        found.update(repr(value).encode())
-    elif isinstance(value, Mapping):
-        parts = value.items()
-    elif isinstance(value, list | tuple):
-        found.update(str(len(value)).encode())
-        parts = value
-    else:
-        found.update(f"{type(value).__module__}.{type(value).__qualname__}".encode())
-        if isinstance(value, functools.partial):
-            parts = (value.args, value.keywords)
-        elif isinstance(wkb := getattr(value, "wkb", None), bytes):  # a shape of Shapely
-            found.update(wkb)
-        else:
-            parts = _fields(value).values()
-    for part in parts:
-        found.update(_digest(part))
-    return found.digest()
+    return shared
 
 
 def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -15,7 +14,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Key, Need, Table, nearest
-from toros_fem.base.mpi import collective
+from toros_fem.base.mpi import require_comm
 
 # Order of tables in files.
 ORDER = (
@@ -51,13 +50,6 @@ class Scene:
     OUTLINE: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[Mapping[str, Need]] = {}
 
-    def __init_subclass__(cls) -> None:
-        """Let all methods that take a communicator compare the scene and their arguments."""
-        super().__init_subclass__()
-        for name, method in vars(cls).copy().items():
-            if inspect.isfunction(method) and "comm" in inspect.signature(method).parameters:
-                setattr(cls, name, collective("comm")(method))
-
     def __post_init__(self) -> None:
         for name, of in self.tables().items():
             Key(name, of, of.holds()).checked(getattr(self, name))
@@ -77,6 +69,11 @@ class Scene:
     def files(cls) -> dict[str, str]:
         """Return the files that a design or a simulation can take, with their help."""
         return {**cls.DESIGN_FILES, **cls.SIMULATION_FILES}
+
+    def of_first_rank(self, comm: MPI.Comm) -> Self:
+        """Return the scene of the first rank, whatever the others have (collective)."""
+        require_comm(comm)
+        return self if comm.size == 1 else comm.bcast(self, root=0)
 
     def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
         """Return the scene with what its files hold, by the names in `DESIGN_FILES` (collective).

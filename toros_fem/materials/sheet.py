@@ -13,7 +13,7 @@ from toros_fem.base.validation import is_number, require_between, require_positi
 
 # Modulus in Pa beyond that of any solid.
 STIFFEST = 1e13
-CURVATURES = ("average", "quadratic", "midedge")
+CURVATURES = ("average", "midedge")
 SEAMS = ("continuous", "hinged")
 RESTS = ("flat", "assembled")
 PRINT_SIDES = ("outside", "inside")
@@ -81,9 +81,8 @@ class Bending(Table):
     """Bending resistance of a sheet, eqs. (4-6); docs/accuracy.md compares the terms.
 
     The curvature "average" is the paper's; under load it converges only where neighbouring
-    triangles pair up to parallelograms: with one diagonal direction, or equilateral. "quadratic"
-    goes through the six vertices around, at the same cost; where they lie on a conic it is the
-    average. "midedge" has one rotation more for each edge and converges on any mesh.
+    triangles pair up to parallelograms: with one diagonal direction, or equilateral. "midedge" has
+    one rotation more for each edge and converges on any mesh.
     """
 
     curvature: Annotated[str, OneOf(CURVATURES)] = key(

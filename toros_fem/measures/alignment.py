@@ -29,7 +29,7 @@ class AlignedObjective:
     R and the means minimise the sum of squares (Kabsch 1976), in which each vertex counts by its
     flat area, times its weight, (n,). Their dependence on x is part of the gradient, so that T may
     be any objective. A skin or target on a line, whose best rotation is not unique, is a
-    TargetError on use.
+    ParameterError on use.
 
     Attributes:
         objective: T, as it is evaluated after the motion.

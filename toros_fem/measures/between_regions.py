@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import MetricError, ParameterError
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, require_kind, shown, vector
 from toros_fem.measures.metrics import swing_free
 from toros_fem.measures.rotation import DETERMINED, axial, polar_rotation
@@ -87,7 +87,7 @@ def length_between(pattern: Pattern, positions: Floats, of: Bools, against: Bool
     ends, roots = (_means(pattern, positions, region) for region in (of, against))
     before, after = (float(np.linalg.norm(a - b)) for a, b in zip(ends, roots, strict=True))
     if before <= 1e-9 * pattern.size:
-        raise MetricError("the two regions have one mean, so that their distance has no ratio.")
+        raise ParameterError("the two regions have one mean, so that their distance has no ratio.")
     return after / before
 
 
@@ -125,7 +125,7 @@ def _rotation(pattern: Pattern, positions: Floats, region: Bools) -> Floats:
     rotation, matrix = polar_rotation((pattern.vertex_areas[region, None] * b).T @ a)
     least, _, most = np.linalg.eigvalsh(matrix)
     if not least > DETERMINED * most:
-        raise MetricError(
+        raise ParameterError(
             f"the turn of a region is not known: its {np.count_nonzero(region)} vertices lie on a "
             "line, or have become their mirror image. Take a larger region."
         )

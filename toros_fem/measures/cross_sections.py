@@ -116,7 +116,7 @@ class CrossSectionObjective:
     For a small angle δ between the two the term is tₖ δ². Bending and twist are compared from
     section to section, so that a target of several turns is not mistaken for a shorter one. Each
     vertex counts by its flat area. A section may swell freely. One with an orientation weight must
-    not lie on a line, as assembled, in the target, or in a simulated shape (TargetError).
+    not lie on a line, as assembled, in the target, or in a simulated shape (ParameterError).
 
     Attributes:
         compared: Whether positions along x, y and z count much: by `COUNTS` at least.

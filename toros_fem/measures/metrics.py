@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import MetricError, ParameterError, TargetError
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     checked_floats,
     is_number,
@@ -92,7 +92,7 @@ class Metric:
         if isinstance(found, np.ndarray) and found.ndim == 0:
             found = found[()]
         if not (is_number(found) and np.isfinite(found)):
-            raise MetricError(
+            raise ParameterError(
                 f"metric {self.key!r} returned {shown(found)}; it must return one finite number "
                 "for every shape. Correct its function."
             )
@@ -286,7 +286,7 @@ def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
     slab = label_cross_sections(pattern, pattern.vertices_of(panel), (0, 0, 1), 12)
     rings = section_vertices(np.where((slab >= 4) & (slab < 8), slab, -1), least=6)
     if len(rings) < 2:
-        raise MetricError(
+        raise ParameterError(
             f"the middle third of panel {panel!r} has {len(rings)} rings of six vertices or more, "
             "and its radius is known from two. Refine the mesh."
         )
@@ -310,7 +310,7 @@ def distance(
     rigid motion is removed first (Kabsch 1976).
     """
     if target.shape != positions.shape:
-        raise TargetError(
+        raise ParameterError(
             f"the target has shape {target.shape}; the positions have {positions.shape}. On "
             "another mesh, as for an error estimate, measure by a target that is a function of "
             "the assembled positions, or by metrics of your own."

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import TargetError
+from toros_fem.base.errors import ParameterError
 
 # Smallest over largest eigenvalue of B: below this the rotation is not determined.
 DETERMINED = 1e-6
@@ -37,7 +37,7 @@ def require_determined(matrices: Floats, names: Sequence[str], remedy: str) -> N
     """
     for name, values in zip(names, np.linalg.eigvalsh(matrices), strict=True):
         if not values[0] > DETERMINED * values[-1]:
-            raise TargetError(
+            raise ParameterError(
                 f"the best rotation of {name} onto the target is not unique: one of them lies on a "
                 f"line, or is the other's mirror image (eigenvalues {values} m²). {remedy}"
             )

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import ParameterError, TargetError
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, sum_over_ranks
 from toros_fem.base.validation import real_numbers, shown
 from toros_fem.meshes.pattern import Pattern
@@ -167,15 +167,15 @@ def checked_target(skin: Nodes, target: Floats) -> Floats:
     """Return the target positions of all assembled vertices, (n, 3), checked."""
     require_nodes(skin)
     n = len(skin.pattern.points)
-    target = real_numbers("target", target, f"positions ({n}, 3) in m, or a map", TargetError)
+    target = real_numbers("target", target, f"positions ({n}, 3) in m, or a map", ParameterError)
     if target.shape != (n, 3):
-        raise TargetError(
+        raise ParameterError(
             f"the target has shape {target.shape}; this skin has {n} vertices, so the shape must "
             f"be ({n}, 3), in the order of pattern.points."
         )
     if not np.isfinite(target).all():
         vertex = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
-        raise TargetError(f"target vertex {vertex} = {target[vertex]} is not finite.")
+        raise ParameterError(f"target vertex {vertex} = {target[vertex]} is not finite.")
     return target
 
 
@@ -186,13 +186,13 @@ def require_near(pattern: Pattern, target: Floats) -> None:
     """
     size, goal = pattern.size, float(np.linalg.norm(np.ptp(target, axis=0)))
     if goal > FAR * size:
-        raise TargetError(
+        raise ParameterError(
             f"the target is {goal:.3g} m across and the skin {size:.3g} m; no skin stretches "
             f"{FAR:g}-fold. Is the target in millimetres? Multiply it by 1e-3."
         )
     away = float(np.linalg.norm(target.mean(axis=0) - pattern.points.mean(axis=0)))
     if away > FAR * size:
-        raise TargetError(
+        raise ParameterError(
             f"the target is {away:.3g} m away from the skin, which is {size:.3g} m across. Move it "
             "to the skin, or give it in m."
         )

@@ -11,7 +11,6 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.files import guarded, write_table
-from toros_fem.base.mpi import collective
 from toros_fem.base.scene import Scene
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure
@@ -88,7 +87,6 @@ class PathResult(RunResult):
         return f"{', '.join(values)} at {pressure / 1e3:.2f} kPa"
 
 
-@collective("comm", owned=("found",))
 def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -> None:
     """Write table, frames and fields of a pressure path into a folder (collective).
 

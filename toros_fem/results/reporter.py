@@ -12,7 +12,6 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.files import guarded, write_table
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
@@ -32,11 +31,10 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
         attempt: Number of the attempt at the design whose shapes are recorded; the first one is 0.
 
     Raises:
-        OutputError: The folder cannot be made or written to; here and in each call.
-        RunError: It holds a run that is not open.
+        OutputError: The folder cannot be made or written to; here and in each call. It holds a run
+            that is not open.
     """
 
-    @collective("comm")
     def __init__(self, comm: MPI.Comm, folder: str | Path) -> None:
         require_kind("folder", folder, (str, Path), "the path of a folder")
         self._begin = time.perf_counter()

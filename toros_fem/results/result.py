@@ -11,7 +11,6 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import guarded, write_json
-from toros_fem.base.mpi import Distributed, collective
 from toros_fem.base.versions import versions
 from toros_fem.measures.figures import Figure, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -22,7 +21,7 @@ from toros_fem.results.runs.summary_file import figures_html
 from toros_fem.results.runs.warnings import warnings_of
 
 
-class RunResult(Distributed, ABC):
+class RunResult(ABC):
     """What a run has found.
 
     Attributes:
@@ -100,13 +99,12 @@ def state_figures(pressure: float, state: Equilibrium | None, parts: int) -> tup
     )
 
 
-@collective("comm", owned=("result",))
 def write_summary(comm: MPI.Comm, folder: Path | str, result: RunResult) -> dict[str, Any]:
     """Write summary.json and return its content, the first rank's on all ranks (collective).
 
     Raises:
-        OutputError: It cannot be written; on all ranks.
-        RunError: The folder holds a run that is not open; on all ranks.
+        OutputError: It cannot be written; on all ranks. The folder holds a run that is not open; on
+            all ranks.
     """
     folder = Path(folder)
     content = {**result.summary(), "ranks": comm.size, "versions": versions()}

@@ -12,7 +12,6 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.files import guarded, if_plotting, write_table
 from toros_fem.base.keys import Table
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -35,7 +34,6 @@ from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.summary import PrintedResult, shape_problem
 
 
-@collective("result.problem.comm", owned=("seconds",))
 def write_results(
     folder: str | Path,
     result: DesignResult,
@@ -82,7 +80,6 @@ def write_results(
     return summary
 
 
-@collective("found.problem.comm")
 def write_design(folder: str | Path, found: PrintedResult) -> None:
     """Write the files of `write_results` without summary.json and its pictures (collective).
 
@@ -135,7 +132,6 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     guarded(found.problem.comm, folder, write)
 
 
-@collective("comm")
 def draw_pictures(
     comm: MPI.Comm, folder: str | Path, more: Callable[[], None] = lambda: None
 ) -> None:

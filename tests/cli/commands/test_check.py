@@ -101,7 +101,7 @@ def test_too_large_meshes_are_refused(
         assert run(alone, [*command, str(scene), *options]) == 2
         error = capsys.readouterr().err
         key = "print_edge_length" if "start=relaxed" in words else "edge_length"
-        assert f"SceneError: {scene}: {key} = " in error
+        assert f"FileError: {scene}: {key} = " in error
     capsys.readouterr()
     assert run(alone, ["check", str(scene), *options, "--allow-large", "--no-probe"]) == 0
 
@@ -112,7 +112,7 @@ def test_wrong_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert run(MPI.COMM_SELF, ["check", str(path), "--json"]) == 2
     found = json.loads(capsys.readouterr().out)["error"]
     assert "did you mean 'pressure'" in found["message"]
-    assert (found["type"], found["key"]) == ("SceneError", "pressure.pressur")
+    assert (found["type"], found["key"]) == ("FileError", "pressure.pressur")
     assert (found["file"], found["line"]) == (str(path), 4)
 
 

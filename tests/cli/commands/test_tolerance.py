@@ -9,7 +9,7 @@ from helpers.runs import change_summary
 from kit.scene_runs import value_of
 from mpi4py import MPI
 
-from toros_fem.base.errors import OutputError
+from toros_fem.base.errors import FileError
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.commands.tolerance import scene_of_run
 
@@ -56,5 +56,5 @@ def test_a_run_without_its_scene(alone: MPI.Comm, designed: Designed, tmp_path: 
     folder = tmp_path / "copy"
     shutil.copytree(designed[1], folder)
     (folder / "scene.toml").unlink()
-    with pytest.raises(OutputError, match=r"copy does not say which scene .* scene.toml is miss"):
+    with pytest.raises(FileError, match=r"copy does not say which scene .* scene.toml is miss"):
         scene_of_run(alone, folder)

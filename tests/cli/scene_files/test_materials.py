@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError, SceneError
+from toros_fem.base.errors import FileError
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.materials.library.files import read_library, write_material
@@ -145,9 +145,9 @@ def test_a_file_of_ones_own(alone: MPI.Comm, tmp_path: Path) -> None:
     change = f"files.materials={tmp_path / 'other.toml'}"
     found = read_scene(path, comm=alone, changes=[change])
     assert found.config.as_dict()["fabric_young"] == 88e3
-    with pytest.raises(SceneError, match="line 3: material.fabric: 'mine' is no fabric"):
+    with pytest.raises(FileError, match="line 3: material.fabric: 'mine' is no fabric"):
         read_scene(path, comm=alone, changes=["files.materials=none"])
-    with pytest.raises(LibraryError, match=r"there is no no.toml"):
+    with pytest.raises(FileError, match=r"there is no no.toml"):
         read_scene(path, comm=alone, changes=["files.materials=no.toml"])
 
 
@@ -164,7 +164,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("text", "message"), WRONG, ids=range(len(WRONG)))
 def test_wrong_names(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(SceneError, match=message):
+    with pytest.raises(FileError, match=message):
         scene(tmp_path, text)
 
 
@@ -178,17 +178,17 @@ def test_wrong_names(tmp_path: Path, text: str, message: str) -> None:
     ],
 )
 def test_wrong_changes(tmp_path: Path, changes: list[str], message: str) -> None:
-    with pytest.raises(SceneError, match=message):
+    with pytest.raises(FileError, match=message):
         scene(tmp_path, "", changes=changes)
 
 
 def test_a_scene_without_knit(tmp_path: Path) -> None:
     path = tmp_path / "tile.toml"
     path.write_text('kind = "tile"\nmaterial.fabric = "rib-knit"\n', encoding="utf-8")
-    with pytest.raises(SceneError, match="'rib-knit' has a knit_ratio, which scenes of this kind"):
+    with pytest.raises(FileError, match="'rib-knit' has a knit_ratio, which scenes of this kind"):
         read_scene(path)
     path.write_text('kind = "tile-sheet"\nmaterial.fabric = "rib-knit"\n', encoding="utf-8")
-    with pytest.raises(SceneError, match="unknown table 'material'"):
+    with pytest.raises(FileError, match="unknown table 'material'"):
         read_scene(path)
 
 

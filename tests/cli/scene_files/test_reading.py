@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.base.errors import SceneError
+from toros_fem.base.errors import FileError
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh.own_mesh import Held
@@ -124,7 +124,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("text", "message"), WRONG, ids=range(len(WRONG)))
 def test_wrong_files(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(SceneError, match=message) as caught:
+    with pytest.raises(FileError, match=message) as caught:
         scene(tmp_path, text)
     assert caught.value.path == tmp_path / "my.toml"
     assert len(str(caught.value)) < 1500
@@ -151,7 +151,7 @@ def test_wrong_files(tmp_path: Path, text: str, message: str) -> None:
 )
 def test_wrong_changes(tmp_path: Path, change: str, message: str) -> None:
     text = 'kind = "own-mesh"\n[[plain]]\nwhere = "x < 1"\n[[plain]]\nwhere = "x > 2"\n'
-    with pytest.raises(SceneError, match=message):
+    with pytest.raises(FileError, match=message):
         scene(tmp_path, text, changes=[change])
 
 
@@ -169,7 +169,7 @@ def test_files_that_cannot_be_read(alone: MPI.Comm, tmp_path: Path) -> None:
         ("latin.toml", "latin.toml, line 2: no UTF-8 text"),
         ("long.toml", "longer than 1000000 bytes"),
     ):
-        with pytest.raises(SceneError, match=message):
+        with pytest.raises(FileError, match=message):
             read_scene(tmp_path / name, comm=alone)
     found = read_scene(tmp_path / "dos.toml", comm=alone).config
     assert found == BendScene.of(length=1.0)
@@ -181,7 +181,7 @@ def test_files_that_are_not_there(alone: MPI.Comm, tmp_path: Path) -> None:
     (tmp_path / "my.toml").write_text(text, encoding="utf-8")
     (tmp_path / "here.stl").touch()
     found = read_scene(tmp_path / "my.toml", comm=alone)
-    with pytest.raises(SceneError, match=r"my.toml, line 4: files.target: there is no .*there.stl"):
+    with pytest.raises(FileError, match=r"my.toml, line 4: files.target: there is no .*there.stl"):
         found.require_files(alone)
     change = f"files.target={tmp_path / 'here.stl'}"
     read_scene(found.path, comm=alone, changes=[change]).require_files(alone)
@@ -189,6 +189,6 @@ def test_files_that_are_not_there(alone: MPI.Comm, tmp_path: Path) -> None:
     assert list(without.files) == ["mesh"]
     without.require_files(alone)
     other = read_scene(found.path, comm=alone, changes=['files.mesh="no.stl"'])
-    with pytest.raises(SceneError, match="^files.mesh: there is no no.stl") as caught:
+    with pytest.raises(FileError, match="^files.mesh: there is no no.stl") as caught:
         other.require_files(alone)
     assert caught.value.line is None

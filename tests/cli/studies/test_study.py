@@ -7,7 +7,7 @@ import pytest
 from helpers.command_runs import changes
 from mpi4py import MPI
 
-from toros_fem.base.errors import OutputError, ParameterError, SceneError
+from toros_fem.base.errors import FileError, OutputError, ParameterError
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.layout import keys_of
 from toros_fem.cli.studies.study import Study, Trial, combinations, run_study, values_of
@@ -110,7 +110,7 @@ def test_study_makes_one_table_and_goes_on(
 def test_wrong_values_are_told_before_anything_runs(tmp_path: Path) -> None:
     scene, output = tmp_path / "a.toml", tmp_path / "study"
     scene.write_text(SMALL, encoding="utf-8")
-    with pytest.raises((SceneError, ParameterError)):
+    with pytest.raises((FileError, ParameterError)):
         run_study(scene, {"pressure": [4e3, -1.0]}, output)
     assert not output.exists()
 

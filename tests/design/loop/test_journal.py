@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.designs import full, make_problem, robust
+from helpers.designs import full, make_problem
 from helpers.loops import OneEntry, Stopped, figures
 from helpers.standing import solver_on_base
 from mpi4py import MPI
@@ -26,7 +26,7 @@ from toros_fem.meshes import Skin, cylinder, sew
 OPTIONS = DesignOptions((Stage(2), Stage(1, constrained=True)))
 
 
-def densities(tube: Skin, curvature: str = "quadratic") -> DesignProblem:
+def densities(tube: Skin, curvature: str = "average") -> DesignProblem:
     """With all that a problem has; nothing is shared with an earlier one but the mesh."""
     composite = Composite(bending=Bending(curvature=curvature))
     return full(tube, solver_on_base(tube, composite), beta=20.0)
@@ -57,8 +57,6 @@ def check(make: Callable[[], DesignProblem], options: DesignOptions, *rows: int)
         assert np.array_equal(slopes[0].gradient, slopes[1].gradient)
         assert again.reason == whole.reason
         assert again.pressures == whole.pressures
-        for one, two in zip(again.final.variants, whole.final.variants, strict=True):
-            assert np.array_equal(one.state, two.state)
 
 
 @pytest.mark.slow
@@ -86,11 +84,8 @@ def test_a_design_without_constraints_and_residuals_goes_on(short_tube: Skin) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("make", "steps"), [(families, 2), (robust, 3)])
-def test_other_designs_go_on_bit_for_bit(
-    short_tube: Skin, make: Callable[[Skin], DesignProblem], steps: int
-) -> None:
-    check(lambda: make(short_tube), DesignOptions((Stage(steps),)), 2)
+def test_line_families_go_on_bit_for_bit(short_tube: Skin) -> None:
+    check(lambda: families(short_tube), DesignOptions((Stage(2),)), 2)
 
 
 @pytest.mark.slow
@@ -116,7 +111,7 @@ def test_what_does_not_fit_is_told(short_tube: Skin) -> None:
     problem, options = densities(short_tube), DesignOptions((Stage(1),))
     saved = stopped(lambda: problem, options, 1)
     for arrays, numbers in (
-        ({**saved.arrays, "unknowns_0": saved.arrays["unknowns_0"][:-1]}, saved.numbers),
+        ({**saved.arrays, "unknowns": saved.arrays["unknowns"][:-1]}, saved.numbers),
         ({**saved.arrays, "x": saved.arrays["x"][:-7]}, saved.numbers),
         (saved.arrays, {**saved.numbers, "history": [{"iteration": 0}]}),
         (saved.arrays, {k: v for k, v in saved.numbers.items() if k != "mma"}),

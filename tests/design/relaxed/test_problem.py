@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.designs import bounded, make_problem
 
-from toros_fem.base.errors import DensityError
+from toros_fem.base.errors import ParameterError
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.problem import relaxed_problem
@@ -67,7 +67,7 @@ def test_newton_steps_are_logged_as_those_of_the_design(
 def test_variables_are_checked(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     problem = made(short_tube, short_solver, FixedDirections(4, 0.3))
     count = len(problem.designed)
-    with pytest.raises(DensityError, match="4 of each owned triangle"):
+    with pytest.raises(ParameterError, match="4 of each owned triangle"):
         problem.simulate(np.zeros(count))
-    with pytest.raises(DensityError, match=r"leaves \[0, 1\]"):
+    with pytest.raises(ParameterError, match=r"leaves \[0, 1\]"):
         problem.simulate(np.full(4 * count, -0.1))

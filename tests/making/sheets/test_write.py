@@ -16,7 +16,7 @@ from helpers.machine_files import read_regions
 from helpers.runs import SUMMARY, regions_of, tube
 from mpi4py import MPI
 
-from toros_fem.base.errors import ManufactureFileError, SheetError
+from toros_fem.base.errors import FileError, OutlineError
 from toros_fem.base.files import if_possible
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.write import made_as, write_manufacture
@@ -145,7 +145,7 @@ def test_a_file_of_somebody_else_is_never_overwritten(
     name: str, pattern: Pattern, tmp_path: Path
 ) -> None:
     (tmp_path / name).write_text("mine")
-    with pytest.raises(ManufactureFileError, match=name):
+    with pytest.raises(FileError, match=name):
         write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL, others=["notes.txt"])
     assert [p.name for p in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text() == "mine"
@@ -156,7 +156,7 @@ def test_a_file_that_was_changed_is_its_owners(pattern: Pattern, tmp_path: Path)
     write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
     (tmp_path / "cut_2.svg").write_text("mine")
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
-    with pytest.raises(ManufactureFileError, match=r"has cut_2\.svg, which"):
+    with pytest.raises(FileError, match=r"has cut_2\.svg, which"):
         write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
     made = write_manufacture(tmp_path, pattern, regions_of(pattern))
@@ -250,7 +250,7 @@ def test_what_cannot_be_made_is_said_in_a_line(
         write_manufacture(tmp_path, pattern, regions_of(pattern), options)
 
     narrow = SMALL.updated(bed_width=0.05)
-    with pytest.raises(SheetError, match="'wall'"):
+    with pytest.raises(OutlineError, match="'wall'"):
         write(narrow)
     if_possible("machine files", lambda: write(narrow))
     assert "no machine files: panel 'wall'" in capsys.readouterr().err

@@ -7,7 +7,7 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError
+from toros_fem.base.errors import FileError
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.materials.library.material import MATERIAL_KINDS, TRUSTS
 from toros_fem.materials.sheet import Composite
@@ -57,7 +57,7 @@ def test_a_file_extends_and_replaces(alone: MPI.Comm, tmp_path: Path) -> None:
     assert (mine.c1, mine.c2, mine.knit_ratio) == (1.8, None, None)
     assert library["jersey-light"].title == "my jersey"
     assert len(library) == len(read_library()) + 1
-    with pytest.raises(LibraryError, match=r"there is no .*other.toml"):
+    with pytest.raises(FileError, match=r"there is no .*other.toml"):
         read_library(path, tmp_path / "other.toml", comm=alone)
 
 
@@ -82,7 +82,7 @@ def test_wrong_files(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "mine.toml"
     assert old in MINE
     path.write_text(MINE.replace(old, new), encoding="utf-8")
-    with pytest.raises(LibraryError, match=message) as caught:
+    with pytest.raises(FileError, match=message) as caught:
         read_library(path)
     assert caught.value.path == path
 
@@ -90,9 +90,9 @@ def test_wrong_files(tmp_path: Path, old: str, new: str, message: str) -> None:
 def test_names() -> None:
     library = read_library()
     assert named(library, "tpu-85a").kind == "print"
-    with pytest.raises(LibraryError, match="'tpu-85' is no print of the library; did you mean"):
+    with pytest.raises(FileError, match="'tpu-85' is no print of the library; did you mean"):
         named(library, "tpu-85", "print")
-    with pytest.raises(LibraryError, match="'tpu-85a' is a print, and a fabric is asked for"):
+    with pytest.raises(FileError, match="'tpu-85a' is a print, and a fabric is asked for"):
         named(library, "tpu-85a", "fabric")
-    with pytest.raises(LibraryError, match="is no material of the library; known are jersey-li"):
+    with pytest.raises(FileError, match="is no material of the library; known are jersey-li"):
         named(library, "§§§")

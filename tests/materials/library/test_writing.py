@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from toros_fem.base.errors import LibraryError, OutputError
+from toros_fem.base.errors import FileError, OutputError
 from toros_fem.materials.library.files import material_text, read_library, write_material
 
 SHIPPED = read_library()
@@ -35,14 +35,14 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
     entry = SHIPPED["jersey-light"]
     path = tmp_path / "mine.toml"
     path.write_text("[a]\nx = 1\n", encoding="utf-8")
-    with pytest.raises(LibraryError, match="line 2: a.x: unknown key"):
+    with pytest.raises(FileError, match="line 2: a.x: unknown key"):
         write_material(path, entry)
     assert path.read_text() == "[a]\nx = 1\n"
     keys = material_text(entry).splitlines()[1:]
     dotted = [f"{name}.{key}" for key in keys for name in ("jersey-light", "b")]
     path.write_text("\n".join(dotted), encoding="utf-8")
     assert "b" in read_library(path)
-    with pytest.raises(LibraryError, match="does not stand there as a table"):
+    with pytest.raises(FileError, match="does not stand there as a table"):
         write_material(path, replace(entry, young=2.0))
     with pytest.raises(OutputError, match="could not be written"):
         write_material("/proc/nowhere/mine.toml", entry)

@@ -29,7 +29,7 @@ def plain(model: SkinModel, triangles: TriangleMatrices) -> tuple[np.ndarray, np
 
 @pytest.mark.parametrize("scene", ["tube", "tetrahedron"])
 @pytest.mark.parametrize(
-    "bending", [None, Bending(), Bending(curvature="quadratic"), Bending(seams="hinged")]
+    "bending", [None, Bending(), Bending(curvature="average"), Bending(seams="hinged")]
 )
 def test_same_entries_as_over_all_pairs_of_unknowns(
     scene: str, bending: Bending | None, short_tube: Skin

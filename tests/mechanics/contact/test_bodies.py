@@ -45,11 +45,11 @@ def test_centre_volume_and_radius() -> None:
 
 
 def test_moved() -> None:
-    box = rigid_box("crate", (0.3, 0.2, 0.1), (1.0, 0.0, 0.0), mass=2.0)
+    box = replace(rigid_box("crate", (0.3, 0.2, 0.1), (1.0, 0.0, 0.0)), free=True)
     pose = np.array([0.0, 0.0, 1.0, 0.2, 0.5, -0.4])
     moved = box.moved(pose)
     assert moved.centre == pytest.approx(np.array([1.0, 0.0, 1.0]), abs=1e-15)
-    assert (moved.name, moved.mass) == ("crate", 2.0)
+    assert (moved.name, moved.free) == ("crate", True)
     expected = (box.points - box.centre) @ rotation(pose[3:]).T
     assert moved.points - moved.centre == pytest.approx(expected, abs=1e-15)
 

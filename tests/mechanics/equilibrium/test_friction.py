@@ -8,17 +8,13 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.motion import rotation
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_box
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import Supports, clamp_where
+from toros_fem.mechanics.skin.supports import clamp_where
 from toros_fem.meshes import sew
 
 pytest.importorskip("ipctk")
@@ -106,45 +102,6 @@ def test_a_trial_is_finished_from_the_same_begin(dragged: Dragged) -> None:
     whole = dragged(3e-4, before)
     finished = dragged.solver.finish(dragged(3e-4, before, trial=True))
     assert np.abs(finished.state - whole.state).max(initial=0.0) < 1e-6 * SLIP
-
-
-@pytest.mark.parametrize("steepness", [0.97, 1.03])
-def test_a_free_box_slides_off_a_slope(alone: MPI.Comm, steepness: float) -> None:
-    """A sheet that is held everywhere carries it: by friction up to its angle."""
-    angle = np.arctan(steepness * FRICTION)
-    turn = rotation(np.array([0.0, angle, 0.0]))
-    points = square(n=2).points @ turn.T
-    pattern = square(points, n=2)
-    above = THICKNESS / 2 + 0.7 * DISTANCE
-    flat = rigid_box("box", (0.01, 0.01, 0.006), (0.01, 0.01, 0.003 + above))
-    box = RigidBody("box", flat.points @ turn.T, flat.triangles, mass=0.1)
-    touched = Contact(
-        bodies=[box],
-        self_contact=False,
-        friction=FRICTION,
-        thickness=THICKNESS,
-        distance=DISTANCE,
-        slip=SLIP,
-    )
-    skin = sew(alone, pattern)
-    held = Supports(np.ones(points.shape, dtype=bool))
-    options = NewtonOptions(max_steps=12)
-    solver = EquilibriumSolver(skin, Composite(), held, options, contact=touched)
-    density = np.zeros(len(skin.owned_cells))
-    found = solver.solve(density, 0.0, raise_on_failure=False, trial=True)
-    assert found.converged == (steepness < 1)
-    assert found.converged or "without converging" in found.reason
-    if not found.converged:
-        return
-    found = solver.finish(found)
-    down = np.array(found.poses)[0, :3] @ turn[:, 0]
-    assert 0.5 * SLIP < down < SLIP
-    carried = -solver.reactions(found).sum(axis=0)
-    assert carried == pytest.approx([0.0, 0.0, -0.981], abs=1e-6)
-    again = solver.solve(density, 0.0, after=found)
-    assert np.array(again.poses) == pytest.approx(np.array(found.poses), abs=1e-6 * SLIP)
-    with pytest.raises(ParameterError, match="no adjoint through friction on free bodies"):
-        solver.solve_tangent(again.state, again, adjoint=True)
 
 
 def test_saved_and_restored(alone: MPI.Comm) -> None:

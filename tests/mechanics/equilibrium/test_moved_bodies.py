@@ -1,7 +1,6 @@
 """Bodies and supports that are moved: cold, from a result, along paths, on finer meshes."""
 
 import json
-from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.settings import Contact
@@ -19,12 +17,9 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, Equilibrium
 from toros_fem.mechanics.equilibrium.path import critical_load
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths import arc_length
-from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.paths.trace import trace
-from toros_fem.mechanics.readings.error_estimate import estimate_error
-from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.meshes import Pattern, cylinder, sew
+from toros_fem.meshes import cylinder, sew
 
 DOWN = np.array([[0.0, 0.0, -0.012, 0.0, 0.0, 0.0]])  # m, of a ball on a taut sheet
 
@@ -83,42 +78,12 @@ def test_a_path_from_a_result_leaves_bodies_where_they_are(drum: Drum, pushed: E
     (point,) = trace(drum.solver, drum.plain, [0.0], start=pushed)
     assert point.result.poses == pushed.poses
     assert drum.depth(point.result) == pytest.approx(drum.depth(pushed), rel=1e-6)
-    found = find_states(drum.solver, drum.plain, Load(poses=DOWN), start=pushed, tries=1)
-    assert found.best.poses == pushed.poses
 
 
 def test_no_critical_load_where_bodies_move(drum: Drum, pushed: Equilibrium) -> None:
     """A part of the load would put them into the skin."""
     drum.solver.tangent_at(pushed)
     assert critical_load(drum.solver.model, drum.solver._factor, pushed.point) is None
-
-
-def test_the_error_is_that_of_the_same_load(alone: MPI.Comm) -> None:
-    """Supports stay moved on the refined mesh, and a part of the weight acts there."""
-    pattern = cylinder(alone, 0.15, 0.02, 9e-3, mesh="structured")
-    skin, ends = sew(alone, pattern), tf.clamp(pattern, ["base", "tip"])
-    solver = EquilibriumSolver(skin, Composite(), ends, weight=tf.Weight(0.2, 0.6))
-    way = np.zeros(pattern.points.shape)
-    way[pattern.vertices_of("tip"), 2] = 0.02
-    found = solver.solve(np.zeros(len(skin.owned_cells)), Load(1e3, None, way, 0.25))
-    length, sag = estimate_error(solver, found, [tf.length_ratio, lowest])
-    assert length.value == pytest.approx(0.17 / 0.15)
-    assert length.error < 1e-6
-    assert sag.refined == pytest.approx(sag.value, rel=0.05)
-
-
-def lowest(pattern: Pattern, x: Floats) -> float:
-    del pattern
-    return float(x[:, 1].min())
-
-
-def test_the_error_of_a_relaxed_design(alone: MPI.Comm) -> None:
-    skin = sew(alone, cylinder(alone, 0.05, 0.02, 6e-3, mesh="structured"))
-    solver = solver_on_base(skin, design=partial(LineDesign, families=2))
-    rows = np.zeros((len(skin.owned_cells), 7))
-    rows[:, 1] = 0.2
-    (found,) = estimate_error(solver, solver.solve(rows, 1e3), [tf.swelling])
-    assert found.refined == pytest.approx(found.value, rel=0.05)
 
 
 def test_a_part_of_the_weight_is_restored(alone: MPI.Comm) -> None:

@@ -13,7 +13,7 @@ from helpers.standing import solver_on_base
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.base.errors import OptionWarning, ParameterError
+from toros_fem.base.errors import ParameterError, TorosWarning
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -176,7 +176,7 @@ def test_an_unused_option_is_told(tube: Skin, solve: Solve) -> None:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         solve("-toros_snes_monitr")
-    texts = [str(warning.message) for warning in told if warning.category is OptionWarning]
+    texts = [str(warning.message) for warning in told if warning.category is TorosWarning]
     assert len(texts) == (tube.comm.rank == 0)
     assert all("-toros_snes_monitr" in text for text in texts)
 

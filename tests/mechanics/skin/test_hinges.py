@@ -102,32 +102,6 @@ def test_poisson_bends_a_free_strip_the_other_way(alone: MPI.Comm, curvature: st
     assert share == pytest.approx(expected, rel=1e-5)
 
 
-def test_six_vertices_on_a_conic_fall_back_on_the_average(alone: MPI.Comm) -> None:
-    """Around a vertex of three triangles two flaps are one: the quadratic is not determined."""
-    angle = np.pi / 2 + 2 * np.pi / 3 * np.arange(3)
-    corners = LENGTH * np.column_stack([np.cos(angle), np.sin(angle)])
-    outer = -2.2 * corners
-    flat = np.concatenate([np.zeros((1, 2)), corners, outer])
-    inside = [[0, 1, 2], [0, 2, 3], [0, 3, 1]]
-    outside = [[1, 6, 2], [2, 4, 3], [3, 5, 1]]
-    triangles = np.array(inside + outside)
-    pattern = Pattern(
-        flat, triangles, np.zeros(6, dtype=int), np.arange(7),
-        np.column_stack([flat, np.zeros(7)]), ("sheet",),
-    )  # fmt: skip
-    skin = sew(alone, pattern)
-    found = {
-        curvature: find_hinges(skin, Bending(curvature), Supports(np.ones((7, 3), dtype=bool)), 0.3)
-        for curvature in ("average", "quadratic")
-    }
-    owned = skin.owned_cells
-    inner = owned < 3
-    cells = slice(0, len(owned))
-    one, other = (found[name].tensors[cells][inner] for name in ("average", "quadratic"))
-    assert np.isfinite(found["quadratic"].tensors).all()
-    assert other == pytest.approx(one, rel=1e-12)
-
-
 def test_forces_that_nothing_can_bear(alone: MPI.Comm) -> None:
     """A strip pulled far beyond what its bounds allow within the steps that are given."""
     pattern = square()

@@ -45,7 +45,7 @@ def test_number_of_unknowns(short_tube: Skin, curvature: str | None, lattice: bo
     expected += (vertices + cells - 2) * (curvature == "midedge")
     patch = patch_of(short_tube, curvature, lattice=lattice)
     assert patch.space.dofmap.index_map.size_global == expected
-    seen = {None: 9, "average": 18, "quadratic": 18, "midedge": 21}[curvature] + 6 * lattice
+    seen = {None: 9, "average": 18, "midedge": 21}[curvature] + 6 * lattice
     assert patch.space.dofmap.list.shape[1] == seen
     assert total(short_tube.comm, patch.numbers.size) == 3 * vertices
     assert patch.components == seen - 6 * lattice

@@ -59,7 +59,7 @@ def test_charts_are_congruent_and_apart() -> None:
     assert refine(pattern).pattern.moulded
 
 
-@pytest.mark.parametrize("curvature", ["average", "quadratic", "midedge"])
+@pytest.mark.parametrize("curvature", ["average", "midedge"])
 def test_without_load_it_is_at_rest(alone: MPI.Comm, curvature: str) -> None:
     pattern = half_sphere(4)
     skin = sew(alone, pattern)

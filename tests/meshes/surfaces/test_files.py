@@ -19,7 +19,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.base.errors import TargetError
+from toros_fem.base.errors import ParameterError
 from toros_fem.meshes import bend, cylinder, from_mesh, read_surface, unwrap
 from toros_fem.meshes.surfaces import files
 from toros_fem.meshes.surfaces.files import load
@@ -224,8 +224,8 @@ def test_meshio_prints_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str
     """The error has the requested type and says what to do."""
     path = tmp_path / "broken.ply"
     path.write_text("no mesh", encoding="utf-8")
-    with pytest.raises(errors.TargetError, match=r"broken.ply cannot .* Save it as OBJ or VTU."):
-        load(path, errors.TargetError, "OBJ or VTU")
+    with pytest.raises(errors.ParameterError, match=r"broken.ply cannot .* Save it as OBJ or VTU."):
+        load(path, errors.ParameterError, "OBJ or VTU")
     printed = capsys.readouterr()
     assert (printed.out, printed.err) == ("", "")
 
@@ -243,14 +243,14 @@ def test_target_from_a_mesh(alone: MPI.Comm, tmp_path: Path, suffix: str) -> Non
     write(bent, shuffled)
     assert from_mesh(alone, path, pattern) == pytest.approx(bent, abs=1e-8)
     write(bent, shuffled[:-1])
-    with pytest.raises(TargetError, match=f"has {len(shuffled) - 1} triangles; the skin has"):
+    with pytest.raises(ParameterError, match=f"has {len(shuffled) - 1} triangles; the skin has"):
         from_mesh(alone, path, pattern)
     write(bent[:-1], np.array([[0, 1, 2]]))
     less = len(bent) - 1
-    with pytest.raises(TargetError, match=f"has {less} vertices; the skin has {less + 1}"):
+    with pytest.raises(ParameterError, match=f"has {less} vertices; the skin has {less + 1}"):
         from_mesh(alone, path, pattern)
     write(bent, np.concatenate([pattern.triangles[:7], pattern.triangles[7:, ::-1]]))
-    with pytest.raises(TargetError, match="triangle 7 of the skin"):
+    with pytest.raises(ParameterError, match="triangle 7 of the skin"):
         from_mesh(alone, path, pattern)
 
 

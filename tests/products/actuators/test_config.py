@@ -149,20 +149,3 @@ def test_too_many_levels() -> None:
         ActuatorScene.of(levels=2)
     assert ActuatorScene().level_count == 1
     assert TubeScene.of(edge_length=8e-3).level_count == 1
-
-
-def test_a_tolerance_of_widths_is_for_densities() -> None:
-    """Not for line families and their prints, but for the densities that come last."""
-    assert TubeScene().design.robust_against is None
-    given = TubeScene.of(width_tolerance=1e-4, spread_weight=7.0).design.robust_against
-    assert (given.width, given.offset, given.weight) == (1e-4, 5e-5, 7.0)
-    with pytest.raises(errors.ParameterError, match="Set density_iterations"):
-        TubeScene.of(start="relaxed", width_tolerance=1e-4)
-    lines = TubeScene.of(start="relaxed", width_tolerance=1e-4, density_iterations=5)
-    assert lines.relaxed_level.regularisation.width_tolerance is None
-    assert lines.print_level.regularisation.width_tolerance is None
-    assert lines.density_level.regularisation.width_tolerance is not None
-    plain, constrained = TubeScene.of(width_tolerance=1e-4).options[0].stages
-    assert (plain.robust, constrained.robust) == (False, True)
-    (only,) = TubeScene.of(width_tolerance=1e-4, constrained_iterations=0).options[0].stages
-    assert only.robust

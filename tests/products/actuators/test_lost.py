@@ -32,7 +32,7 @@ def test_other_ways() -> None:
         "softer constraints", "a sharper projection first", "another seed",
     ]  # fmt: skip
     assert softer[1][0].stages == (stages[0], replace(stages[1], iterations=12, tighten=0.5**0.5))
-    assert sharper[1][0].stages == (stages[0], Stage(2, beta=40.0, robust=False), stages[1])
+    assert sharper[1][0].stages == (stages[0], Stage(2, beta=40.0), stages[1])
     assert seeded[1:] == (options, 4 + ANOTHER_SEED)
     assert all(rules[1] == options[1] for _, rules, _ in (softer, sharper, seeded))
     assert list(other_ways((DesignOptions((Stage(9),)),), 4, 20.0)) == []

@@ -17,7 +17,6 @@ from toros_fem.design.loop.case import PRESSURE_WEIGHT, Case
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.making.as_printed.print_spread import print_spread
 from toros_fem.measures.figures import largest_part
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
@@ -188,19 +187,6 @@ def test_a_run_without_pictures_shows_its_page(
     assert 0 < summary["seconds"]["setup"] < until_trial[0] <= summary["seconds"]["total"]
     last = made.design.history[-1]
     assert last.metrics["angle_deg"] == summary["design"]["angle_deg"]
-
-
-def test_a_robust_design_tells_its_spread(alone: MPI.Comm, tmp_path: Path) -> None:
-    """Of both patterns, and of the print with borders that are moved as far."""
-    config = SHORT.updated(width_tolerance=4e-4, constrained_iterations=1)
-    made = config.run_design(alone, tmp_path)
-    found = made.summary()["robust"]
-    assert found["border_offset_m"] == 2e-4
-    assert found["eta_dilated"] < 0.5 < found["eta_eroded"]
-    problem = made.problem
-    assert isinstance(problem, ShapeDesign)
-    spread = print_spread(made.printed, 2e-4)
-    assert [found["printed"][name] for name in ("narrower", "wider")] == list(spread.metrics)
 
 
 @pytest.mark.slow

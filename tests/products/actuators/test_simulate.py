@@ -56,7 +56,7 @@ def test_a_finer_mesh_is_told(alone: MPI.Comm, tmp_path: Path) -> None:
 def test_what_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
     pattern = case_of(alone, SMALL).pattern
     write_pattern(tmp_path / "plain.npz", pattern)
-    with pytest.raises(errors.PatternFileError, match="does not say which triangles are printed"):
+    with pytest.raises(errors.FileError, match="does not say which triangles are printed"):
         SMALL.run_simulation(alone, tmp_path, {"pattern": tmp_path / "plain.npz"})
 
 

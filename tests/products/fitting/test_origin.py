@@ -6,7 +6,7 @@ from helpers.scenes import DATA
 from helpers.tensile_tests import C1, JERSEY
 
 from toros_fem import fit_material, read_tensile_tests
-from toros_fem.base.errors import MeasurementError
+from toros_fem.base.errors import FileError
 from toros_fem.materials.sheet import Material
 from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.report import library_entry
@@ -98,12 +98,12 @@ def test_the_set_of_a_later_cycle_lengthens_the_strip(points: int) -> None:
 @pytest.mark.parametrize("noise", NOISES)
 def test_a_force_at_rest_is_refused_until_it_is_told(noise: float) -> None:
     strain = np.linspace(0, 0.75, 200)
-    with pytest.raises(MeasurementError, match="--offset preload .* --offset untared"):
+    with pytest.raises(FileError, match="--offset preload .* --offset untared"):
         fitted(strain, law(strain) + 4.0, noise)
     holds(fitted(strain, law(strain) + 4.0, noise, offset="untared"), 0.01 + 5 * noise)
     taut = np.linspace(0, 0.65, 200)
     loaded = law(1.08 * (1 + taut) - 1)
-    with pytest.raises(MeasurementError, match="--offset preload .* --offset untared"):
+    with pytest.raises(FileError, match="--offset preload .* --offset untared"):
         fitted(taut, loaded, noise, seed=2)
     found = fitted(taut, loaded, noise, offset="preload")
     holds(found, 0.02 if noise == 0 else 0.3)

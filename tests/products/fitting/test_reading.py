@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toros_fem.base.errors import MeasurementError
+from toros_fem.base.errors import FileError
 from toros_fem.products.fitting.reading import Given, read_tensile_tests
 from toros_fem.products.fitting.tensile_test import TensileTest
 
@@ -157,7 +157,7 @@ def test_specimens_are_not_as_large_as_a_wrong_unit_makes_them(tmp_path: Path) -
         Given(width=25e-6, thickness=THICKNESS),
         Given(width=WIDTH, thickness=0.5),
     ):
-        with pytest.raises(MeasurementError, match="line 2: the .* Is its unit right"):
+        with pytest.raises(FileError, match="line 2: the .* Is its unit right"):
             read_tensile_tests([path], given)
 
 
@@ -165,7 +165,7 @@ def test_specimens_are_not_as_large_as_a_wrong_unit_makes_them(tmp_path: Path) -
 def test_faults_name_their_line(tmp_path: Path, name: str) -> None:
     text, line, message = FAULTS[name]
     path = written(tmp_path / "bad.csv", text)
-    with pytest.raises(MeasurementError, match=message) as caught:
+    with pytest.raises(FileError, match=message) as caught:
         read_tensile_tests([path], Given(width=WIDTH, thickness=THICKNESS))
     assert caught.value.path == path
     assert caught.value.line == line
@@ -183,5 +183,5 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         ([], Given(), "no file"),
         ([latin], Given(), "line 2: force = '1 µ' is no finite number"),
     ):
-        with pytest.raises(MeasurementError, match=message):
+        with pytest.raises(FileError, match=message):
             read_tensile_tests(paths, given)

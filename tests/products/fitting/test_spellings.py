@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toros_fem.base.errors import MeasurementError
+from toros_fem.base.errors import FileError
 from toros_fem.products.fitting.reading import Given, read_tensile_tests
 
 STRAIN: np.ndarray = np.linspace(0, 0.7, 71)
@@ -137,11 +137,11 @@ def test_a_column_by_option(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     body = text("strain [%]", "Load [N]", ";", False, False, False).replace("Load [N]", "Channel 3")
     path.write_text(body)
-    with pytest.raises(MeasurementError, match='--column "force=NAME"'):
+    with pytest.raises(FileError, match='--column "force=NAME"'):
         read_tensile_tests([path], GIVEN)
     units, columns = {"force": "N"}, {"force": "Channel 3"}
     matches(path, Given(THICKNESS, WIDTH, units=units, columns=columns))
-    with pytest.raises(MeasurementError, match="no column is named 'Channel 4'"):
+    with pytest.raises(FileError, match="no column is named 'Channel 4'"):
         read_tensile_tests([path], Given(columns={"force": "Channel 4"}))
 
 
@@ -159,7 +159,7 @@ def test_a_fraction_in_a_column_of_percents_is_told(tmp_path: Path) -> None:
 def test_all_that_lacks_is_told_at_once(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(text("Extension (mm)", "Load [N]", ";", False, False, False))
-    with pytest.raises(MeasurementError) as caught:
+    with pytest.raises(FileError) as caught:
         read_tensile_tests([path])
     for option in ("--width", "--thickness", "--gauge-length"):
         assert option in str(caught.value)

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from toros_fem.base.errors import MeasurementError
+from toros_fem.base.errors import FileError
 from toros_fem.products.fitting.tensile_test import TensileTest
 
 
@@ -41,5 +41,5 @@ def test_all_and_one_pull() -> None:
     stretch: np.ndarray = np.linspace(1, 1.5, 20)
     pull = TensileTest(stretch, stretch, 1e-3)
     assert np.array_equal(pull.branch("last-loading").stretch, stretch)
-    with pytest.raises(MeasurementError, match="no branch of unloading"):
+    with pytest.raises(FileError, match="no branch of unloading"):
         pull.branch("last-unloading")

@@ -56,7 +56,7 @@ def test_a_long_tube_bends_on_a_new_mesh(alone: MPI.Comm, tmp_path: Path) -> Non
 def test_an_open_mesh_is_refused_before_it_is_meshed(alone: MPI.Comm, tmp_path: Path) -> None:
     path = tmp_path / "open.stl"
     meshio.write_points_cells(path, 1e3 * TUBE.points, [("triangle", TUBE.triangles[1:])])
-    with pytest.raises(errors.OpenSkinError, match="open.stl is open.*3 edges .* a hole of 0.08 m"):
+    with pytest.raises(errors.PatternError, match="open.stl is open.*3 edges .* a hole of 0.08 m"):
         read_skin(alone, NEW, path)
 
 

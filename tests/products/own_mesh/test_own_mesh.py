@@ -164,11 +164,11 @@ def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) ->
     config = config.updated(symmetry=None)
     with pytest.raises(errors.ParameterError, match="two targets: a file, and bend = 60"):
         case_on(alone, CONFIG, skin)
-    with pytest.raises(errors.TargetError, match="does not meet its neighbours"):
+    with pytest.raises(errors.ParameterError, match="does not meet its neighbours"):
         read_skin(alone, config, FINGER, tmp_path / "other.ply")
-    with pytest.raises(errors.TargetError, match="has 1831 triangles, .* has 1832"):
+    with pytest.raises(errors.ParameterError, match="has 1831 triangles, .* has 1832"):
         read_skin(alone, config, FINGER, tmp_path / "fewer.ply")
-    with pytest.raises(errors.TargetError, match="there is no file"):
+    with pytest.raises(errors.ParameterError, match="there is no file"):
         read_skin(alone, config, FINGER, tmp_path / "nothing.ply")
 
 
@@ -214,9 +214,9 @@ def test_files_that_do_not_serve(alone: MPI.Comm, tmp_path: Path) -> None:
         CONFIG.run_design(alone, out)
     with pytest.raises(errors.SurfaceError, match="there is no file"):
         CONFIG.run_design(alone, out, {"mesh": tmp_path / "nothing.stl"})
-    with pytest.raises(errors.PatternFileError, match="cannot be read"):
+    with pytest.raises(errors.FileError, match="cannot be read"):
         CONFIG.run_design(alone, out, {"mesh": tmp_path})
-    with pytest.raises(errors.PatternFileError, match="nothing cannot be read"):
+    with pytest.raises(errors.FileError, match="nothing cannot be read"):
         CONFIG.run_simulation(alone, out, {"mesh": FINGER, "pattern": tmp_path / "nothing"})
     assert not out.exists()
 

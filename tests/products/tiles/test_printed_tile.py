@@ -39,7 +39,7 @@ SOFT = {"young": "soft", "poisson": 0.3, "thickness": 1e-3}
 )
 def test_bad_files(alone: MPI.Comm, tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     write_tile(tmp_path, printed_tile())
-    path, failure = tmp_path / NAME, errors.TileFileError
+    path, failure = tmp_path / NAME, errors.FileError
     content = read_archive(path, "tile", lambda archive: archive, failure, "")
     numbers = {**content.numbers, **changes}
     numbers = {name: value for name, value in numbers.items() if value is not None}
@@ -56,7 +56,7 @@ def test_a_file_of_triangles_is_refused(alone: MPI.Comm, tmp_path: Path) -> None
     numbers = {"size": [0.01, 0.01], "edge_length": 1e-3, "mesh": "crossed", "symmetry": "none"}
     old = Archive("tile", {"printed": np.ones(400, dtype=bool)}, numbers)
     write_archive(tmp_path / NAME, old)
-    with pytest.raises(errors.TileFileError, match="an older version wrote it: it holds triangles"):
+    with pytest.raises(errors.FileError, match="an older version wrote it: it holds triangles"):
         read_tile(alone, tmp_path)
 
 

@@ -184,7 +184,7 @@ def moved_state(
     return new
 
 
-@pytest.mark.parametrize("curvature", ["midedge", "quadratic", "average"])
+@pytest.mark.parametrize("curvature", ["midedge", "average"])
 def test_shifted_buckled_tile(curvature: str) -> None:
     """The border of the tile may lie anywhere on the periodic sheet."""
     found = tile_of(4)

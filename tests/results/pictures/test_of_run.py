@@ -7,7 +7,7 @@ import pytest
 from helpers.runs import change_summary, regions_of
 from PIL import Image
 
-from toros_fem.base.errors import OutputError
+from toros_fem.base.errors import FileError
 from toros_fem.making.print.print_file import write_print_polygons
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.measures.figures import Figure
@@ -49,7 +49,7 @@ def test_a_run_that_was_stopped_has_what_it_has(run: Path) -> None:
 
 
 def test_no_run_no_pictures(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="no run"):
+    with pytest.raises(FileError, match="no run"):
         draw_run(tmp_path)
 
 

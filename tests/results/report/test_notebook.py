@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers.runs import change_summary
 
-from toros_fem.base.errors import MissingPackageError, OutputError
+from toros_fem.base.errors import FileError, MissingPackageError
 from toros_fem.measures.figures import Figure
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.tile_design.report import TileRun
@@ -34,7 +34,7 @@ def test_a_view_is_the_page_in_a_frame_of_its_own(run: Path) -> None:
     assert 'id="canvas"' in shown.page
     assert 'id="figures"' not in shown.page
     assert repr(shown) == "EmbeddedPage(height=321)", "beside HTML a notebook keeps this text"
-    with pytest.raises(OutputError, match="is no folder"):
+    with pytest.raises(FileError, match="is no folder"):
         read_summary(run / "missing").show()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from helpers.runs import change_summary
 
-from toros_fem.base.errors import OutputError
+from toros_fem.base.errors import FileError, OutputError
 from toros_fem.measures.figures import Figure
 from toros_fem.results.report.page_file import write_report
 from toros_fem.results.report.tables import as_text
@@ -173,12 +173,12 @@ def test_damaged_files_are_named(run: Path, name: str, content: str, words: str)
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="holds neither frames"):
+    with pytest.raises(FileError, match="holds neither frames"):
         write_report(tmp_path)
-    with pytest.raises(OutputError, match="is no folder"):
+    with pytest.raises(FileError, match="is no folder"):
         write_report(tmp_path / "missing")
     (tmp_path / "frames").mkdir()
-    with pytest.raises(OutputError, match="holds neither frames"):
+    with pytest.raises(FileError, match="holds neither frames"):
         write_report(tmp_path)
 
 

@@ -12,7 +12,7 @@ from helpers.run_files import content
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
+from toros_fem.base.errors import CheckpointError, OutputError, RunStoppedError
 from toros_fem.design.loop.options import Iteration
 from toros_fem.products.tubes import twist
 from toros_fem.results.reporter import DesignReporter
@@ -89,7 +89,7 @@ def test_a_finished_run_goes_further(comm: MPI.Comm, tmp_path: Path) -> None:
     shorter = longer.updated(constrained_iterations=1, corrections=0)
     design(comm, folder / "whole", longer)
     design(comm, folder / "further", shorter)
-    with pytest.raises(RunError, match="is finished"):
+    with pytest.raises(OutputError, match="is finished"):
         design(comm, folder / "further", shorter)
     assert design(comm, folder / "further", longer) >= 3
     (rows, summary, _), (all_rows, all_of_it, _) = (
@@ -112,7 +112,7 @@ def test_steps_of_a_stage_that_is_over(comm: MPI.Comm, tmp_path: Path) -> None:
     design(comm, folder, config)
     with pytest.raises(CheckpointError, match="1 steps is over, .* 5 steps change nothing"):
         design(comm, folder, config.updated(iterations=5))
-    with pytest.raises(RunError, match="is finished"):
+    with pytest.raises(OutputError, match="is finished"):
         design(comm, folder, config)
     changed = config.updated(iterations=2, constrained_iterations=0)
     assert design(comm, folder, changed) == 3, "one stage, from its start"

@@ -16,9 +16,9 @@ from mpi4py import MPI
 from toros_fem.base.archive import Archive
 from toros_fem.base.errors import (
     CheckpointError,
+    FileError,
     OutputError,
     ParameterError,
-    RunError,
     RunStoppedError,
 )
 from toros_fem.base.files import (
@@ -90,7 +90,7 @@ def test_what_is_kept_is_found_again(
         assert journal.entry(comm, "next").saved() is None
         assert run.journal(folder / "part").entry(comm, "loop").saved() is None
         assert journal.branch("seed-1").entry(comm, "loop").saved() is None
-    with pytest.raises(RunError, match="finished"):
+    with pytest.raises(OutputError, match="finished"):
         open_run(comm, folder, INPUTS, resume=True)
 
 
@@ -98,7 +98,7 @@ def test_a_lock_says_who_holds_it_now(tmp_path: Path) -> None:
     """Nothing is left of a holder with a longer name."""
     (tmp_path / NAME).write_text("process 1234567890 on " + 80 * "x")
     lock = FolderLock(tmp_path)
-    with pytest.raises(RunError, match=rf"a run, process {os.getpid()} on [^x ]+\. Wait"):
+    with pytest.raises(OutputError, match=rf"a run, process {os.getpid()} on [^x ]+\. Wait"):
         FolderLock(tmp_path)
     lock.release()
 
@@ -142,7 +142,7 @@ def test_inputs_that_may_change(comm: MPI.Comm, folder: Path) -> None:
     with pytest.raises(ParameterError):
         run(3, "faulty")
     assert recorded() == ((2, True, False), "# 2\n")
-    with pytest.raises(RunError, match="is finished"):
+    with pytest.raises(OutputError, match="is finished"):
         run(2, "loop")
     assert not run(3, "another loop"), "it is made anew"
 
@@ -197,7 +197,7 @@ def test_files_that_no_run_listed_are_never_replaced(
         path.parent.mkdir(parents=True)
         path.write_text("mine")
     comm.barrier()
-    with pytest.raises(RunError, match=f"has {name.partition('/')[0]}, which no run listed"):
+    with pytest.raises(OutputError, match=f"has {name.partition('/')[0]}, which no run listed"):
         open_run(comm, folder, INPUTS, scene="# mine\n")
     assert names(folder) - {NAME} == {name.partition("/")[0]}
     assert path.read_text() == "mine"
@@ -269,7 +269,7 @@ def test_a_folder_that_was_moved_in_part_is_moved_again(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "rename", once)
-        with pytest.raises(RunError, match="gone"):
+        with pytest.raises(OutputError, match="gone"):
             open_run(alone, folder, INPUTS)
     with open_run(alone, folder, INPUTS):
         pass
@@ -289,7 +289,7 @@ def test_nothing_is_written_through_a_link(comm: MPI.Comm, folder: Path, name: s
         (folder / name).symlink_to(other)
     comm.barrier()
     words = "cannot be used|no lock|no run listed|is no plain file"
-    with pytest.raises((RunError, OutputError), match=words):
+    with pytest.raises(OutputError, match=words):
         open_run(comm, folder, INPUTS, scene="# mine\n")
     assert other.read_text() == "mine"
     comm.barrier()
@@ -318,7 +318,7 @@ def test_a_lock_of_somebody_else_is_left_alone(tmp_path: Path, kind: str) -> Non
         "pipe": lambda: os.mkfifo(path),
         "folder": path.mkdir,
     }[kind]()
-    with pytest.raises(RunError, match="is no lock of a run. Move it"):
+    with pytest.raises(OutputError, match="is no lock of a run. Move it"):
         FolderLock(folder)
     assert other.read_text() == "mine"
     assert kind != "file" or path.read_text() == "mine"
@@ -340,12 +340,12 @@ def test_folders_that_cannot_be_used_are_told_at_the_start(comm: MPI.Comm, tmp_p
         taken.write_text("mine")
     comm.barrier()
     for place in (taken, taken / "inside", Path("/proc/run")):
-        with pytest.raises(RunError, match="cannot be used"):
+        with pytest.raises(OutputError, match="cannot be used"):
             open_run(comm, place, INPUTS)
     assert taken.read_text() == "mine"
-    with pytest.raises(RunError, match="holds no run"):
+    with pytest.raises(FileError, match="holds no run"):
         open_run(comm, taken.parent, INPUTS, resume=True)
-    with pytest.raises(RunError, match="holds no run"):
+    with pytest.raises(FileError, match="holds no run"):
         read_record(comm, taken)
 
 
@@ -512,7 +512,7 @@ def test_nothing_is_written_through_a_linked_folder(alone: MPI.Comm, tmp_path: P
     folder.mkdir()
     outside.mkdir()
     (folder / "frames").symlink_to(outside)
-    with pytest.raises(RunError, match="has frames, which no run listed"):
+    with pytest.raises(OutputError, match="has frames, which no run listed"):
         open_run(alone, folder, INPUTS)
     (folder / LISTED).write_text("manufacture\n")
     (folder / "manufacture").symlink_to(outside)
@@ -524,7 +524,7 @@ def test_nothing_is_written_through_a_linked_folder(alone: MPI.Comm, tmp_path: P
 def test_a_finished_run_is_no_folder_for_other_results(comm: MPI.Comm, folder: Path) -> None:
     """A script that writes there moves it aside, or is refused before it has written anything."""
     leave(comm, folder, finished=True)
-    with pytest.raises(RunError, match="holds a run, whose files would be replaced"):
+    with pytest.raises(OutputError, match="holds a run, whose files would be replaced"):
         DesignReporter(comm, folder)
     with open_run(comm, folder, INPUTS):
         DesignReporter(comm, folder)

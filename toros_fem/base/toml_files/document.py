@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from toros_fem.base.errors import FileKeyError, ParameterError
+from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.base.files import read_bytes
 from toros_fem.base.keys import Key, nearest
 from toros_fem.base.toml_files.lines import DEEPEST, Place, key_lines, line_of, too_deep
@@ -25,7 +25,7 @@ class Document:
     An error of the type `failure` says that the text is no TOML, or a key has too many parts.
     """
 
-    def __init__(self, path: Path, text: str, failure: type[FileKeyError]) -> None:
+    def __init__(self, path: Path, text: str, failure: type[FileError]) -> None:
         self.path, self.failure = path, failure
         if line := too_deep(text):
             raise failure(f"{at(path, line)}: a key has more than {DEEPEST} parts.", path, line)
@@ -97,14 +97,14 @@ def at(path: Path, line: int | None) -> str:
 def read_text(
     path: Path,
     what: str,
-    failure: type[FileKeyError],
+    failure: type[FileError],
     size: str = "keys",
     decoded: Callable[[bytes], str] = lambda content: content.decode("utf-8-sig"),
 ) -> str:
     """Return the text of a file: `what`, "a scene file" for instance, of a size in `MOST_BYTES`.
 
     Raises:
-        FileKeyError: Of the type `failure`: the file cannot be read, is too long, or is no UTF-8.
+        FileError: Of the type `failure`: the file cannot be read, is too long, or is no UTF-8.
     """
     try:
         content = read_bytes(path, size)

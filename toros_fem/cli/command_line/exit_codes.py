@@ -9,9 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import (
     NoEquilibriumError,
-    NoRunError,
     OutputError,
-    RunError,
     RunStoppedError,
     TorosError,
 )
@@ -46,7 +44,7 @@ def exit_code(error: BaseException) -> int:
         return NO_EQUILIBRIUM
     if isinstance(error, RunStoppedError):
         return 128 + error.signal
-    if isinstance(error, OutputError | RunError) and not isinstance(error, NoRunError):
+    if isinstance(error, OutputError):
         return NOT_WRITTEN
     if isinstance(error, TorosError):
         return WRONG_INPUT

@@ -12,7 +12,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import CheckpointError, SceneError
+from toros_fem.base.errors import CheckpointError, FileError
 from toros_fem.base.files import if_plotting, is_listed
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.program import program
@@ -127,9 +127,9 @@ def resume_scene(
 
     Raises:
         UsageError: A key may not change.
-        RunError: The folder holds no run, or one that is finished or in use.
+        OutputError: The run in the folder is finished or in use.
         CheckpointError: The run cannot go on: it is no run of a scene, or its scene was changed.
-        SceneError: A file that it began with has gone.
+        FileError: The folder holds no run, or a file that it began with has gone.
     """
     record, text = read_record(comm, folder)
     name = record.inputs.get("command")
@@ -140,7 +140,7 @@ def resume_scene(
         )
     try:
         scene = read_scene(folder / SCENE, comm=comm, changes=changes)
-    except SceneError as error:
+    except FileError as error:
         if changes:
             raise
         raise CheckpointError(

@@ -58,7 +58,7 @@ class Tolerance(Command, ToleranceConfig):
 
 def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[str, Path]]:
     """Return scene and files of a finished design of an actuator (collective)."""
-    from toros_fem.base.errors import NoRunError
+    from toros_fem.base.errors import FileError
     from toros_fem.base.mpi import on_first_rank
     from toros_fem.cli.scene_files.reading import read_scene
     from toros_fem.products.actuators.scene import ActuatorScene
@@ -69,14 +69,14 @@ def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[s
     folder = Path(run)
     on_first_rank(comm, lambda: finished_summary(folder))
     if not on_first_rank(comm, lambda: (folder / SCENE).exists()):
-        raise NoRunError(
+        raise FileError(
             f"{folder} does not say which scene it is of: {SCENE} is missing. Design it by "
             "`toros design`, or call toros_fem.tolerances from your own script."
         )
     read = read_scene(folder / SCENE, comm=comm)
     read.require_files(comm)
     if not isinstance(read.config, ActuatorScene):
-        raise NoRunError(
+        raise FileError(
             f"{folder} is a run of the kind {read.kind.KIND!r}; tolerances are those of designs of "
             f"{', '.join(name for name, of in KINDS.items() if issubclass(of, ActuatorScene))}."
         )

@@ -11,9 +11,9 @@ from typing import Any, NoReturn
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError, OutlineError, ParameterError, SceneError
+from toros_fem.base.errors import FileError, OutlineError, ParameterError
 from toros_fem.base.keys import Key, Table, meant, nearest, plain_value
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.scene import Scene
 from toros_fem.base.toml_files.document import Document, at, read_text
 from toros_fem.base.toml_files.lines import Place
@@ -47,12 +47,11 @@ class SceneFile:
     lines: Mapping[str, int]
     materials: Mapping[str, LibraryMaterial]
 
-    @collective("comm")
     def require_files(self, comm: MPI.Comm) -> None:
         """Check that the files and folders that it names are there (collective).
 
         Raises:
-            SceneError: One is not; with file, line and key. It is raised on all ranks.
+            FileError: One is not; with file, line and key. It is raised on all ranks.
         """
         missing = on_first_rank(
             comm, lambda: [name for name, path in self.files.items() if not path.exists()]
@@ -60,7 +59,7 @@ class SceneFile:
         for name in missing:
             line = self.lines.get(f"files.{name}")
             place = "" if line is None else f"{at(self.path, line)}: "
-            raise SceneError(
+            raise FileError(
                 f"{place}files.{name}: there is no {self.files[name]}. Paths in a scene file are "
                 "relative to it, those of the command line to the current folder.",
                 self.path,
@@ -70,7 +69,7 @@ class SceneFile:
 
     @contextlib.contextmanager
     def located(self) -> Iterator[None]:
-        """Tell file and line of the key that an error in the block names, by a SceneError."""
+        """Tell file and line of the key that an error in the block names, by a FileError."""
         try:
             yield
         except (ParameterError, OutlineError) as caught:
@@ -81,10 +80,9 @@ class SceneFile:
             key = next((one for one in _named(text, key) if one in self.lines), key)
             line = self.lines.get(str(key))
             message = f"{at(self.path, line)}: {text}"
-            raise SceneError(message, self.path, line, key) from None
+            raise FileError(message, self.path, line, key) from None
 
 
-@collective("comm")
 def read_scene(
     path: str | Path,
     *,
@@ -105,14 +103,13 @@ def read_scene(
             with its table: "design.seed=3". Paths are relative to the current folder.
 
     Raises:
-        SceneError: The file cannot be read, is no TOML, or a key or value is wrong; with file,
-            line, key and remedy. It is raised on all ranks.
-        LibraryError: So is its file of materials.
+        FileError: The file cannot be read, is no TOML, or a key or value is wrong; with file, line,
+            key and remedy. It is raised on all ranks. So is its file of materials.
     """
     path = Path(path)
 
     def text() -> str:
-        return read_text(path, "a scene file", SceneError)
+        return read_text(path, "a scene file", FileError)
 
     found = text() if comm is None else on_first_rank(comm, text)
     return _Reader(path, found).scene(comm, coarse, changes)
@@ -140,7 +137,7 @@ class _Reader(Document):
     """
 
     def __init__(self, path: Path, text: str) -> None:
-        super().__init__(path, text, SceneError)
+        super().__init__(path, text, FileError)
         self.changes: dict[Place, str] = {}
         name = self.content.get("kind")
         if name is None:
@@ -158,7 +155,7 @@ class _Reader(Document):
         """Raise the error of a key of the file, or of a change."""
         if place in self.changes:
             text, key = self.changes[place], str(place[-1])
-            raise SceneError(f"change {shown(text)}: {message}", key=key) from None
+            raise FileError(f"change {shown(text)}: {message}", key=key) from None
         super().fail(place, message)
 
     def scene(self, comm: MPI.Comm | None, coarse: bool, changes: Sequence[str]) -> SceneFile:
@@ -201,7 +198,7 @@ class _Reader(Document):
         table, _, key = name.strip().rpartition(".")
         if not equals or not key:
             advice = "write KEY=VALUE, design.seed=3 for instance."
-            raise SceneError(f"change {shown(text)}: {advice}", key=key)
+            raise FileError(f"change {shown(text)}: {advice}", key=key)
         known = [one for one in (*self.keys, *self.kind.entries()) if one != QUICK]
         at: Place = (table if table in self.apart else CHANGED,)
         self.changes[*at, key] = text
@@ -256,7 +253,7 @@ class _Reader(Document):
         for role in (role for role in KIND_OF if role in values):
             try:
                 values[role] = named(library, values[role], KIND_OF[role])
-            except LibraryError as caught:
+            except FileError as caught:
                 self.fail((table or self.homes[role], role), str(caught))
 
     def quick(self, given: _Values) -> _Values:

@@ -142,7 +142,7 @@ def run_study(
         jobs: Runs at a time; None takes one for each core.
 
     Raises:
-        SceneError: A value is wrong; before anything runs.
+        FileError: A value is wrong; before anything runs.
         ParameterError: A key is wrong, or there are too many values.
         OutputError: The folder cannot be written.
     """

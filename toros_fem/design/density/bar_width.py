@@ -16,11 +16,6 @@ from toros_fem.design.density.projection import Projection
 
 # Above this a small change of the threshold is a large one of the width.
 HIGHEST = 0.98
-# Least offset of a border over R: with less, patterns differ by too little to be simulated.
-LEAST_OFFSET = 1e-3
-# Largest threshold of an eroded pattern, and one less the least of a dilated one: lines of width R
-# have ρ̃ = 0.78 on their ridge, and must neither vanish nor merge.
-LARGEST_ERODED = 0.7
 
 
 def filtered_bar(name: str, width: float, distance: float) -> float:
@@ -48,35 +43,6 @@ def threshold_for_width(
         )
     gap = lambda eta: width_for_threshold(name, eta, level) - width  # noqa: E731
     return float(brentq(gap, level, HIGHEST, xtol=1e-10))
-
-
-def offset_thresholds(name: str, offset: float, level: float = 0.5) -> tuple[float, float]:
-    """Return the thresholds at which straight borders lie inside and outside of those at `level`.
-
-    The threshold of the eroded pattern comes first, then that of the dilated one; `offset` is the
-    way of each border. The filtered density of a half plane, integrated from the filter's kernel,
-    tells ρ̃ at each distance from its border. Ridges of lines that are narrower than 2 R are lower,
-    so that these move a little further.
-    """
-    require_choice("filter", name, tuple(_FRACTIONS))
-    if not offset >= LEAST_OFFSET:
-        raise ParameterError(
-            f"borders that move by {offset:.3g} filter radii are too close to be told apart; the "
-            f"least is {LEAST_OFFSET:g}. Raise width_tolerance, or reduce filter_radius.",
-            "width_tolerance",
-        )
-    fraction = _FRACTIONS[name]
-    border = float(brentq(lambda x: fraction(x) - level, -20.0, 20.0, xtol=1e-12))
-    eroded, dilated = fraction(border + offset), fraction(border - offset)
-    if eroded > LARGEST_ERODED or dilated < 1 - LARGEST_ERODED:
-        raise ParameterError(
-            f"borders that move by {offset:.3g} filter radii need the thresholds {eroded:.3g} and "
-            f"{dilated:.3g}, at which lines or gaps of the least width vanish; they must lie in "
-            f"[{1 - LARGEST_ERODED:.1f}, {LARGEST_ERODED}]. Reduce width_tolerance, or raise "
-            "filter_radius.",
-            "width_tolerance",
-        )
-    return eroded, dilated
 
 
 def unfiltered_width(name: str, projected: float, level: float = 0.5) -> float:

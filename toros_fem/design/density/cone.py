@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_kind
 from toros_fem.design.density.linear import Filter, Linear
 from toros_fem.design.density.neighbours import (
@@ -20,7 +19,6 @@ from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 
 
-@collective("skin.comm")
 def cone_filter(skin: Skin, radius: float, beyond: Floats | Mirrored | None = None) -> Filter:
     """Return the filter ρ̃ᵢ = Σⱼ ωᵢⱼ Āⱼ ρⱼ / Σⱼ ωᵢⱼ Āⱼ with ωᵢⱼ = max(R − ‖x̄ᵢ − x̄ⱼ‖, 0), eq. (11).
 
@@ -31,7 +29,7 @@ def cone_filter(skin: Skin, radius: float, beyond: Floats | Mirrored | None = No
     For larger radii use the Helmholtz filter. `beyond` is that of `Neighbourhood`.
 
     Warns:
-        ResolutionWarning: The radius is under 1.5 edge lengths and hardly filters.
+        TorosWarning: The radius is under 1.5 edge lengths and hardly filters.
     """
     require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
     check_radius(skin, radius)

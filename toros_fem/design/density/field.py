@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import DensityError
-from toros_fem.base.mpi import collective
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import require_count, require_finite, require_kind
 from toros_fem.meshes.skin import Skin
 
 
-@collective("skin.comm")
 def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1) -> Floats:
     """Return owned densities drawn uniformly from mean ± spread for each pattern triangle.
 
@@ -20,7 +18,7 @@ def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1
     require_kind("skin", skin, Skin, "a Skin, by sew")
     require_finite(mean=mean, spread=spread)
     if not (spread >= 0 and mean - spread >= 0 and mean + spread <= 1):
-        raise DensityError(
+        raise ParameterError(
             f"mean ± spread = {mean} ± {spread} must lie in [0, 1]; reduce the spread."
         )
     require_count(0, seed=seed)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_choice, require_kind
 from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.helmholtz import helmholtz_filter
@@ -14,7 +13,6 @@ from toros_fem.meshes.skin import Skin
 FILTERS = ("cone", "helmholtz")
 
 
-@collective("skin.comm")
 def make_filter(
     name: str,
     skin: Skin,

@@ -10,14 +10,13 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.compiled_forms import compiled
-from toros_fem.base.mpi import collective, gather_by_index
+from toros_fem.base.mpi import gather_by_index
 from toros_fem.base.validation import require_kind
 from toros_fem.design.density.linear import Filter, Linear, Map, product
 from toros_fem.design.density.neighbours import check_radius
 from toros_fem.meshes.skin import Skin
 
 
-@collective("skin.comm")
 def helmholtz_filter(skin: Skin, radius: float) -> Filter:
     """Return the filter −r² ∇²ρ̃ + ρ̃ = ρ on the sewn skin, r = R/(2√3).
 
@@ -28,7 +27,7 @@ def helmholtz_filter(skin: Skin, radius: float) -> Filter:
     on other meshes the projection clips it. The cone of the same radius R, in m, filters as much.
 
     Warns:
-        ResolutionWarning: The radius is under 1.5 edge lengths and hardly filters.
+        TorosWarning: The radius is under 1.5 edge lengths and hardly filters.
     """
     require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
     check_radius(skin, radius)

@@ -9,7 +9,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective, sum_over_ranks, total
+from toros_fem.base.mpi import sum_over_ranks, total
 from toros_fem.base.validation import (
     require_between,
     require_count,
@@ -117,7 +117,6 @@ class LengthScaleConstraints:
         epsilon: ε of g_r and of g_t, (2,).
     """
 
-    @collective("skin.comm", owned=("filter", "designed"))
     def __init__(
         self,
         skin: Skin,

@@ -9,7 +9,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.mpi import collective
 from toros_fem.meshes.skin import Skin
 
 Map = Callable[[Floats], Floats]
@@ -81,7 +80,6 @@ def product(matrix: PETSc.Mat) -> Linear:
     return Linear(forward, backward)
 
 
-@collective("skin.comm")
 def group_mean(skin: Skin, symmetry_maps: Ints) -> Linear:
     """Return the mean over a symmetry group of a tile: `filter.after` it makes symmetric designs.
 

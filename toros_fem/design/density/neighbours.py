@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import ParameterError, ResolutionWarning
+from toros_fem.base.errors import ParameterError, TorosWarning
 from toros_fem.base.mpi import warn_together
 from toros_fem.base.validation import checked_floats, require_positive
 from toros_fem.design.density.linear import Linear, product
@@ -115,8 +115,6 @@ class Neighbourhood:
 
 def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, Ints]:
     """Return a tile's points with their copies within the radius, and the triangle of each."""
-    if lattice.shape != (2, 2):
-        raise ParameterError(f"lattice has shape {lattice.shape}; two vectors have shape (2, 2).")
     area = abs(float(np.linalg.det(lattice)))
     width = area / max(float(np.linalg.norm(lattice, axis=1).max()), np.finfo(float).tiny)
     if not width > 2 * radius:
@@ -198,5 +196,5 @@ def check_radius(skin: Skin, radius: float) -> None:
             f"filter radius = {radius:.3g} m is under {RESOLVED} edge lengths ({edge:.3g} m "
             "each): it hardly filters and guarantees no width of a line. Refine the mesh to "
             f"edges of {radius / RESOLVED:.3g} m, or enlarge the radius.",
-            ResolutionWarning,
+            TorosWarning,
         )

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective, dot
+from toros_fem.base.mpi import dot
 from toros_fem.base.validation import require_finite, require_flag, require_kind, require_positive
 from toros_fem.design.density.neighbours import Neighbourhood, Pairs, neighbour_matrices
 from toros_fem.meshes.mirror import Mirrored
@@ -44,7 +44,6 @@ class Perimeter:
         beyond: What lies beyond the borders, as of `Neighbourhood`.
     """
 
-    @collective("skin.comm")
     def __init__(
         self,
         skin: Skin,

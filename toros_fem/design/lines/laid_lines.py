@@ -125,18 +125,10 @@ def changed(lines: LaidLines, change: LineChange, *, draw: bool = True) -> LaidL
     each other their widths leave room for the gap. Without `draw` there are no regions.
 
     Raises:
-        ParameterError: The change does not fit, or there are no lines.
+        ParameterError: There are no lines.
     """
     if not lines.mesh.size:
         raise ParameterError("there are no lines that could be changed.")
-    shape = len(lines.families), lines.mesh.size
-    fits = change.widths.shape == shape and change.warp.shape == shape[1:]
-    if not (fits and np.isfinite(change.widths).all() and np.isfinite(change.warp).all()):
-        raise ParameterError(
-            f"the change has widths of shape {change.widths.shape} and a warp of shape "
-            f"{change.warp.shape}; they must be finite, and of shape {shape} and {shape[1:]}: one "
-            "entry for each family and vertex."
-        )
     warp = lines.warp + change.warp
     strain = _strain(lines.mesh, warp)
     families = []

@@ -11,7 +11,6 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.mpi import collective
 from toros_fem.design.loop.physics import Bounds, Pressure
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.alignment import MirroredObjective
@@ -117,20 +116,18 @@ class Case:
         target = self.target
 
         def measure(pattern: Pattern, positions: Floats) -> float:
-            # A map is known on other meshes too, for `estimate_error`.
+            # A map is known on other meshes too, as those of prints.
             goal = target(pattern.points) if callable(target) else np.asarray(target)
             return 1e3 * distance(pattern, positions, goal)
 
         length = 1e3 * float(np.ptp(self.whole.pattern.points, axis=0).max())
         return (Metric("distance", "mm", 0.0, measure, length),)
 
-    @collective("skin.comm")
     def objective(self, skin: Skin) -> Objective:
         """Return the objective on the sewn skin, the sum of its parts (collective).
 
         Raises:
-            TargetError: The target does not fit the skin.
-            ParameterError: A part is no objective.
+            ParameterError: The target does not fit the skin. A part is no objective.
         """
         goal = checked_target(skin, self.goal)
         whole = self.whole
@@ -139,7 +136,6 @@ class Case:
         goal_of_whole = whole.at_vertices(goal)
         return MirroredObjective(skin, whole, lambda nodes: self._sum(nodes, goal_of_whole))
 
-    @collective("comm")
     def following(
         self,
         comm: MPI.Comm,

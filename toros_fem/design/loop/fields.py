@@ -8,8 +8,8 @@ from typing import Protocol, Self
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import Distributed, collective, dot, together, total
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import dot, together, total
 from toros_fem.base.validation import real_numbers
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.linear import Filter
@@ -58,7 +58,7 @@ class Fields(Protocol):
         """Return variables as an array (collective).
 
         Raises:
-            DensityError: The shape is wrong, or a value is outside [0, 1].
+            ParameterError: The shape is wrong, or a value is outside [0, 1].
         """
 
     def with_passive(self, x: Floats) -> Floats:
@@ -86,9 +86,8 @@ class Fields(Protocol):
         """Return the density of owned triangles that pictures show."""
 
 
-@collective("skin.comm", owned=("filter", "passive"))
 @dataclass(frozen=True, eq=False)
-class DensityFields(Fields, Distributed):
+class DensityFields(Fields):
     """One density for each triangle: ρ, filtered ρ̃, projected ρ̄.
 
     Attributes:
@@ -98,7 +97,7 @@ class DensityFields(Fields, Distributed):
             added. None starts from 0.5.
 
     Raises:
-        DensityError: The prescribed density does not fit, leaves [0, 1] or covers everything, or
+        ParameterError: The prescribed density does not fit, leaves [0, 1] or covers everything, or
             `centre` does not fit.
     """
 
@@ -115,12 +114,12 @@ class DensityFields(Fields, Distributed):
         skin, given = self.skin, self.passive[~np.isnan(self.passive)]
         with together(skin.comm):
             if self.passive.shape != skin.owned_cells.shape:
-                raise DensityError(
+                raise ParameterError(
                     f"passive has shape {self.passive.shape}; this rank owns "
                     f"{len(skin.owned_cells)} triangles."
                 )
             if len(given) and not (given.min() >= 0 and given.max() <= 1):
-                raise DensityError(
+                raise ParameterError(
                     f"passive holds densities from {given.min()} to {given.max()}; they must lie "
                     "in [0, 1], or be NaN where the triangle is designed."
                 )
@@ -130,13 +129,13 @@ class DensityFields(Fields, Distributed):
             return
         count = len(self.skin.pattern.panel)
         what = "one density for each triangle of the pattern"
-        centre = real_numbers("start", self.centre, what, DensityError)
+        centre = real_numbers("start", self.centre, what, ParameterError)
         object.__setattr__(self, "centre", centre)
         if centre.shape != (count,):
-            raise DensityError(f"start has shape {centre.shape}; it must be ({count},), {what}.")
+            raise ParameterError(f"start has shape {centre.shape}; it must be ({count},), {what}.")
         least, largest = float(np.min(centre)), float(np.max(centre))
         if not 0.1 <= least <= largest <= 0.9:
-            raise DensityError(
+            raise ParameterError(
                 f"start holds densities from {least:g} to {largest:g}; they must lie in "
                 "[0.1, 0.9], since noise of 0.1 is added."
             )
@@ -197,14 +196,6 @@ class DensityFields(Fields, Distributed):
 
 
 def densities_of(fields: Fields) -> DensityFields:
-    """Return fields that are densities.
-
-    Raises:
-        ParameterError: They are others, line families for instance, which have no filter of ρ.
-    """
-    if not isinstance(fields, DensityFields):
-        raise ParameterError(
-            f"the design's variables are {type(fields).__name__}, not densities. Give the design "
-            "of densities, a ShapeDesign for instance."
-        )
+    """Return fields that are densities."""
+    assert isinstance(fields, DensityFields)
     return fields

@@ -119,14 +119,8 @@ def saved_evaluation(evaluation: Evaluation) -> tuple[dict[str, Floats], dict[st
     e, problem = evaluation, evaluation.problem
     fields = {"density": e.density, "filtered": e.filtered, "projected": e.projected}
     arrays = {name: by_cell(problem.skin, field) for name, field in fields.items()}
-    pairs = zip(problem.physics_of(e.responses), e.responses, strict=True)
-    saved = [physics.save(response) for physics, response in pairs]
-    arrays |= {f"unknowns_{k}": unknowns for k, (unknowns, _) in enumerate(saved)}
-    numbers = {
-        "dimensions": [field.ndim for field in fields.values()],
-        "responses": [of_response for _, of_response in saved],
-    }
-    return arrays, numbers
+    arrays["unknowns"], response = problem.physics.save(e.equilibrium)
+    return arrays, {"dimensions": [field.ndim for field in fields.values()], "response": response}
 
 
 def restored_evaluation(problem: DesignProblem, saved: Archive) -> Evaluation:
@@ -143,15 +137,10 @@ def restored_evaluation(problem: DesignProblem, saved: Archive) -> Evaluation:
             own.ravel() if dimension == 1 else own
             for own, dimension in zip(rows, numbers["dimensions"], strict=True)
         )
-        unknowns = [saved.arrays[f"unknowns_{k}"] for k in range(len(numbers["responses"]))]
-        patterns = [projected]
-        if len(unknowns) > 1 and problem.robust is not None:
-            patterns += problem.robust.patterns(problem.fields, filtered)
-        every = problem.physics_of(unknowns)
-        parts = zip(every, patterns, unknowns, numbers["responses"], strict=True)
-        responses = tuple(physics.restore(*part) for physics, *part in parts)
+        unknowns, known = saved.arrays["unknowns"], numbers["response"]
+        response = problem.physics.restore(projected, unknowns, known)
     seconds = {"filter": 0.0, "equilibrium": 0.0}
-    return problem.told(density, filtered, projected, responses, seconds)
+    return problem.told(density, filtered, projected, response, seconds)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective, free_dropped, require_alike
+from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.base.validation import require_count, require_kind
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.journal import Journal
@@ -73,19 +73,16 @@ def optimize_levels(
     Raises:
         ParameterError: There are no options, or fewer problems than options.
         PanelError: Two problems have other panels.
-        DensityError, NoEquilibriumError, CheckpointError, RunStoppedError: As for `optimize`.
+        ParameterError, NoEquilibriumError, CheckpointError, RunStoppedError: As for `optimize`.
     """
     require_kind("problems", problems, Iterable, "DesignProblems, one for each level")
     remaining, finish = iter(problems), finish or (lambda result: result)
     problem = next(remaining, None)
-    if isinstance(problem, DesignProblem):
-        require_alike(problem.comm, options=options)
-    if not isinstance(options, list | tuple):
-        raise ParameterError("options must be a list of DesignOptions, one for each level.")
-    for rules in options:
-        require_kind("options", rules, DesignOptions, "DesignOptions, one for each level")
-    if not options:
-        raise ParameterError("options is empty; give DesignOptions for each level.")
+    check = partial(_rules, options)
+    if isinstance(problem, DesignProblem):  # else `optimize` refuses it
+        options = on_first_rank(problem.comm, check)
+    else:
+        check()
     if problem is None:
         raise _too_few(0, len(options))
     run = partial(optimize, callback=callback, journal=journal)
@@ -105,7 +102,6 @@ def optimize_levels(
     return result
 
 
-@collective("design.comm")
 def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
     """Yield a design on its own mesh, then on meshes that are refined uniformly (collective).
 
@@ -125,6 +121,17 @@ def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
     for _ in range(levels - 1):
         design = design.refined()
         yield design
+
+
+def _rules(options: Sequence[DesignOptions]) -> Sequence[DesignOptions]:
+    """Return the options of all levels, checked."""
+    if not isinstance(options, list | tuple):
+        raise ParameterError("options must be a list of DesignOptions, one for each level.")
+    for rules in options:
+        require_kind("options", rules, DesignOptions, "DesignOptions, one for each level")
+    if not options:
+        raise ParameterError("options is empty; give DesignOptions for each level.")
+    return options
 
 
 def _too_few(level: int, levels: int) -> ParameterError:

@@ -14,13 +14,8 @@ import numpy as np
 
 from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import (
-    CheckpointError,
-    DensityError,
-    NoEquilibriumError,
-    ParameterError,
-)
-from toros_fem.base.mpi import Distributed, collective, largest, norm, total
+from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
+from toros_fem.base.mpi import largest, norm, on_first_rank, total
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
 from toros_fem.design.loop.carried import CarriedDesign, InitialDensity, initial_density
@@ -45,7 +40,7 @@ SETUP = "next levels"
 
 
 @dataclass(frozen=True, eq=False)
-class DesignResult(Distributed):
+class DesignResult:
     """The result of the design loop.
 
     Attributes:
@@ -81,7 +76,6 @@ class DesignResult(Distributed):
 Callback = Callable[[Iteration, Evaluation], None]
 
 
-@collective("problem.comm", owned=("start", "after", "journal"))
 def optimize(
     problem: DesignProblem,
     options: DesignOptions | Sequence[Stage] | None = None,
@@ -109,27 +103,17 @@ def optimize(
     Raises:
         CheckpointError: The state in the journal cannot be read, or belongs to something else.
         RunStoppedError: A signal asked for an end; the state is written.
-        DensityError: The start does not fit or leaves [0, 1]; or no triangle is designed.
-        ParameterError: A stage is constrained and the problem has no constraints.
+        ParameterError: The start does not fit or leaves [0, 1]; or no triangle is designed. A stage
+            is constrained and the problem has no constraints.
         NoEquilibriumError: There is no equilibrium for the start. The loop steps back from later
             failures.
     """
     require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
-    require_count(0, seed=seed)
     if callback is not None:
         require_callable("callback", callback, "a function of an iteration and an evaluation")
-    if options is None:
-        options = DesignOptions()
-    elif isinstance(options, Stage):
-        raise ParameterError("options is one Stage; give a list of stages, [Stage(…)].")
-    elif not isinstance(options, DesignOptions):
-        if not isinstance(options, list | tuple):
-            raise ParameterError(
-                f"options = {shown(options)} must be DesignOptions, or a list of Stages."
-            )
-        options = DesignOptions(tuple(options))
+    options, seed = on_first_rank(problem.comm, partial(_settings, options, seed))
     if total(problem.comm, problem.designed.sum()) == 0:
-        raise DensityError(
+        raise ParameterError(
             "passive prescribes the density of every triangle: none is designed. Set NaN where the "
             "density is to be designed."
         )
@@ -179,6 +163,24 @@ def _content(after: DesignResult | CarriedDesign | None) -> str:
     if isinstance(after, DesignResult):
         return content_of(by_cell(after.problem.skin, after.density))
     return content_of(after.density)
+
+
+def _settings(
+    options: DesignOptions | Sequence[Stage] | None, seed: int
+) -> tuple[DesignOptions, int]:
+    """Return options and seed as a loop takes them, checked."""
+    require_count(0, seed=seed)
+    if options is None:
+        return DesignOptions(), seed
+    if isinstance(options, Stage):
+        raise ParameterError("options is one Stage; give a list of stages, [Stage(…)].")
+    if isinstance(options, DesignOptions):
+        return options, seed
+    if not isinstance(options, list | tuple):
+        raise ParameterError(
+            f"options = {shown(options)} must be DesignOptions, or a list of Stages."
+        )
+    return DesignOptions(tuple(options)), seed
 
 
 class _Run:
@@ -292,7 +294,7 @@ class _Run:
 
     def stage(self, number: int, stage: Stage, saved: Archive | None, *, last: bool) -> None:
         """Run one stage from the current design, or from a saved state of it (fig. 2)."""
-        problem = self.problem if stage.robust else self.problem.without_variants()
+        problem = self.problem
         if stage.beta is not None:
             problem = problem.changed(fields=problem.fields.with_beta(stage.beta))
         found = self.first_design(problem, number, saved)

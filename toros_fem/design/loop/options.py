@@ -40,7 +40,6 @@ class Stage(Table):
     tighten: Annotated[float, In(above=0, below=1)] = key(
         0.5, "target of a violated constraint in each step, over its value"
     )
-    robust: bool = key(True, "whether the eroded and dilated patterns of a robust problem count")
 
 
 @dataclass(frozen=True)

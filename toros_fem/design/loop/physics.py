@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import Distributed, collective, dot
+from toros_fem.base.mpi import dot
 from toros_fem.base.validation import require_between, require_positive, shown
 from toros_fem.measures.motion import motion_along
 from toros_fem.measures.shape import Objective
@@ -48,7 +48,7 @@ Saved = tuple[Floats, dict[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals(Distributed):
+class Residuals:
     """Numbers r whose squares are a part of T, around one response.
 
     MMA approximates each r by itself, and so knows that their changes add up before they are
@@ -127,7 +127,6 @@ class Physics(Protocol[R]):
         """Return a state to start from, from the positions of all vertices (collective)."""
 
 
-@collective("solver.skin.comm")
 @dataclass(frozen=True, eq=False)
 class InflatedSkin:
     """Equilibrium of a skin under pressure, eqs. (9, 19).

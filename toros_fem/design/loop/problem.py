@@ -12,13 +12,10 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import Distributed, collective
 from toros_fem.base.validation import require_positive
 from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.physics import Physics, Pressure, R, Residuals
-from toros_fem.design.loop.robust import Variants
 from toros_fem.measures.metrics import Metric, check_metrics
 from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.meshes.skin import Skin
@@ -47,7 +44,7 @@ class ObjectiveTerm:
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes(Distributed):
+class Slopes:
     """Gradients around a design.
 
     Attributes:
@@ -65,18 +62,16 @@ class Slopes(Distributed):
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation(Distributed, Generic[R]):
+class Evaluation(Generic[R]):
     """One pass ρ → ρ̃ → ρ̄ → x → T.
 
     Attributes:
         problem: The problem that the design was evaluated in.
         density: ρ, the variables of this rank.
         filtered, projected: ρ̃ and ρ̄ at owned triangles.
-        responses: Response of the nominal pattern, then of the eroded and the dilated one of a
-            robust design.
+        equilibrium: Response to ρ̄: the equilibrium, or the profile of a tile.
         shape: The part of T that measures the distance from the target.
         measures: Measure of each term, by name.
-        spread: How far the variants are apart, in units of T; None without variants.
         length_scale: (g_r, g_t) of eqs. (13, 14); None without width constraints.
         seconds: Wall time by phase, on this rank.
     """
@@ -85,32 +80,18 @@ class Evaluation(Distributed, Generic[R]):
     density: Floats
     filtered: Floats
     projected: Floats
-    responses: tuple[R, ...]
+    equilibrium: R
     shape: float
     measures: Mapping[str, float]
-    spread: float | None
     length_scale: Floats | None
     seconds: Mapping[str, float]
 
     @property
     def objective(self) -> float:
-        """T: shape, priced measures and weighted spread together."""
-        terms, robust = self.problem.terms, self.problem.robust
+        """T: shape and priced measures together."""
+        terms = self.problem.terms
         found = self.shape + sum(term.price * self.measures[term.name] for term in terms)
-        found += self.problem.pressure_cost(self.equilibrium.pressures)
-        if self.spread is not None and robust is not None:
-            found += robust.tolerance.weight * self.spread
-        return found
-
-    @property
-    def equilibrium(self) -> R:
-        """Response of the nominal pattern: the equilibrium, or the profile of a tile."""
-        return self.responses[0]
-
-    @property
-    def variants(self) -> tuple[R, ...]:
-        """Responses of the eroded and of the dilated pattern of a robust design."""
-        return self.responses[1:]
+        return found + self.problem.pressure_cost(self.equilibrium.pressures)
 
     @property
     def perimeter(self) -> float | None:
@@ -119,18 +100,17 @@ class Evaluation(Distributed, Generic[R]):
 
     @property
     def steps(self) -> int:
-        """Number of Newton steps of all responses."""
-        return sum(response.steps for response in self.responses)
+        """Number of Newton steps."""
+        return self.equilibrium.steps
 
     @property
     def factorisations(self) -> int:
-        """Number of factorisations of all responses."""
-        return sum(response.factorisations for response in self.responses)
+        """Number of factorisations."""
+        return self.equilibrium.factorisations
 
 
-@collective("physics.comm", owned=("fields", "objective", "terms", "length_scale", "robust"))
 @dataclass(eq=False)
-class DesignProblem(Distributed, Generic[R]):
+class DesignProblem(Generic[R]):
     """A skin or tile whose print is designed, made of parts.
 
     T is the objective of what the physics makes of ρ̄, plus terms of ρ̄ alone. Each part is a pair
@@ -143,7 +123,6 @@ class DesignProblem(Distributed, Generic[R]):
         objective: Distance from the target, of what the physics lets it observe.
         terms: Further terms of T: perimeter, cost of lines.
         length_scale: Constraints on the widths of lines and gaps; None leaves them out.
-        robust: Eroded and dilated patterns, whose spread T counts too; None leaves them out.
         metrics: Numbers that the design is judged by, the most important first.
         whole: The whole skin that the skin is a part of, by `meshes.mirrored`, or the skin itself.
             Prints are drawn and measured on the whole.
@@ -158,7 +137,6 @@ class DesignProblem(Distributed, Generic[R]):
     objective: Any
     terms: Sequence[ObjectiveTerm] = ()
     length_scale: LengthScaleConstraints | None = None
-    robust: Variants | None = None
     metrics: Sequence[Metric] = ()
     whole: Mirrored = None  # type: ignore[assignment]  # by default the skin itself
     target: Floats | None = None
@@ -167,27 +145,11 @@ class DesignProblem(Distributed, Generic[R]):
     def __post_init__(self) -> None:
         self.whole = self.whole or mirrored(self.skin.pattern, ())
         check_metrics(self.metrics)
-        self._check_terms()
-
-    def _check_terms(self) -> None:
-        names = [term.name for term in self.terms]
-        if len(set(names)) < len(names):
-            raise ParameterError(
-                f"terms are named {', '.join(names)}; give each of them a name of its own."
-            )
 
     def changed(self, **parts: Any) -> Self:
-        """Return the same problem with other parts; all others are shared.
-
-        Raises:
-            TypeError: It has no such part.
-            ParameterError: Two terms have one name.
-        """
+        """Return the same problem with other parts; all others are shared."""
         other = copy.copy(self)
-        if unknown := set(parts) - set(vars(other)):
-            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
         vars(other).update(parts)
-        other._check_terms()
         return other
 
     def pressure_cost(self, pressures: Sequence[float]) -> float:
@@ -197,10 +159,6 @@ class DesignProblem(Distributed, Generic[R]):
         pairs = zip(pressures, self.physics.pressure_ranges, strict=True)
         logarithms = [np.log(p / bounds[0]) for p, bounds in pairs if bounds and p > 0]
         return self.pressure_weight * float(sum(logarithms))
-
-    def without_variants(self) -> Self:
-        """Return the same problem with the nominal pattern alone."""
-        return self.changed(robust=None)
 
     @property
     def skin(self) -> Skin:
@@ -233,7 +191,6 @@ class DesignProblem(Distributed, Generic[R]):
         assert found is not None
         return {m.key: m.value(self.skin.pattern, found) for m in self.metrics}
 
-    @collective("self.comm", owned=("density", "start"))
     def simulate(
         self,
         density: Floats,
@@ -249,18 +206,14 @@ class DesignProblem(Distributed, Generic[R]):
             start, pressure, trial: As of `Physics.respond`.
 
         Raises:
-            DensityError: The density does not fit or leaves [0, 1].
+            ParameterError: The density does not fit or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium for this design.
         """
         begin = time.perf_counter()
         density = self.fields.with_passive(self.fields.checked(density))
         filtered, projected = self.fields.forward(density)
-        patterns = [projected]
-        if self.robust is not None:
-            patterns += self.robust.patterns(self.fields, filtered)
-        return self._evaluated(density, filtered, patterns, (start, pressure), begin, trial=trial)
+        return self._evaluated(density, filtered, projected, (start, pressure), begin, trial=trial)
 
-    @collective("self.comm", owned=("printed", "start"))
     def simulate_binary(
         self,
         printed: Floats | Bools,
@@ -269,7 +222,7 @@ class DesignProblem(Distributed, Generic[R]):
         start: Any = None,
         pressure: Pressure | None = None,
     ) -> Evaluation[R]:
-        """Evaluate a print, without variants (collective).
+        """Evaluate a print (collective).
 
         Args:
             printed: Printed part of each owned triangle; prescribed densities are kept, which in a
@@ -290,35 +243,32 @@ class DesignProblem(Distributed, Generic[R]):
             density, filtered, near = like.density, like.filtered, like.equilibrium
             start = near if start is None else start
             pressure = near.pressures or None if pressure is None else pressure
-        return self._evaluated(density, filtered, [projected], (start, pressure), begin)
+        return self._evaluated(density, filtered, projected, (start, pressure), begin)
 
     def _evaluated(
         self,
         density: Floats,
         filtered: Floats,
-        patterns: Sequence[Floats],
+        projected: Floats,
         near: tuple[Any, Pressure | None],
         begin: float,
         *,
         trial: bool = False,
     ) -> Evaluation[R]:
-        middle, responses = time.perf_counter(), list[R]()
-        for physics, pattern in zip(self.physics_of(patterns), patterns, strict=True):
-            responses.append(physics.respond(pattern, *near, trial=trial))
-            # Variants differ little from the nominal pattern, far less than that from the last one.
-            near = responses[0].state, responses[0].pressures
+        middle = time.perf_counter()
+        response = self.physics.respond(projected, *near, trial=trial)
         seconds = {"filter": middle - begin, "equilibrium": time.perf_counter() - middle}
-        return self.told(density, filtered, patterns[0], tuple(responses), seconds)
+        return self.told(density, filtered, projected, response, seconds)
 
     def told(
         self,
         density: Floats,
         filtered: Floats,
         projected: Floats,
-        responses: tuple[R, ...],
+        response: R,
         seconds: dict[str, float],
     ) -> Evaluation[R]:
-        """Return the evaluation of fields and of the responses to them (collective).
+        """Return the evaluation of fields and of the response to them (collective).
 
         The seconds are those that both took; those of the measures are added.
         """
@@ -328,24 +278,15 @@ class DesignProblem(Distributed, Generic[R]):
         if self.length_scale is not None:
             widths = self.length_scale.forward(density, filtered, projected)
         seconds["filter"] += time.perf_counter() - begin
-        shape, spread = self._distances(responses)
+        shape = self._distance(response)
         return Evaluation(
-            self, density, filtered, projected, responses, shape, measures, spread, widths, seconds
+            self, density, filtered, projected, response, shape, measures, widths, seconds
         )
 
-    def _distances(self, responses: tuple[R, ...]) -> tuple[float, float | None]:
-        """Return the distance from the target, and the spread of the variants if there are any."""
-        seen = [self.physics.observed(response) for response in responses]
-        shape = self.objective.forward(seen[0])
-        if self.robust is None or len(seen) == 1:
-            return shape, None
-        return shape, self.robust.spread(self.objective, *seen)
-
-    def physics_of(self, patterns: Sequence[Any]) -> tuple[Physics[R], ...]:
-        """Return the physics of the nominal pattern alone, or of the variants too, one for each."""
-        if self.robust is None or len(patterns) == 1:  # a print needs no solvers of variants
-            return (self.physics,)
-        return self.physics, *self.robust.physics
+    def _distance(self, response: R) -> float:
+        """Return the distance from the target."""
+        found: float = self.objective.forward(self.physics.observed(response))
+        return found
 
     def finish(self, evaluation: Evaluation[R]) -> Evaluation[R]:
         """Complete a trial, so that it can be differentiated (collective).
@@ -355,13 +296,12 @@ class DesignProblem(Distributed, Generic[R]):
             NoEquilibriumError: There is no stable equilibrium near.
         """
         begin, e = time.perf_counter(), evaluation
-        both = zip(self.physics_of(e.responses), e.responses, strict=True)
-        responses = tuple(physics.finish(response) for physics, response in both)
-        if all(one is other for one, other in zip(responses, e.responses, strict=True)):
+        response = self.physics.finish(e.equilibrium)
+        if response is e.equilibrium:
             return evaluation
-        shape, spread = self._distances(responses)
+        shape = self._distance(response)
         seconds = {"equilibrium": time.perf_counter() - begin}
-        return replace(e, responses=responses, shape=shape, spread=spread, seconds=seconds)
+        return replace(e, equilibrium=response, shape=shape, seconds=seconds)
 
     def differentiate(self, evaluation: Evaluation[R]) -> Slopes:
         """Return the gradients of the last simulation, by adjoint solves, eqs. 18, 19 (collective).
@@ -370,12 +310,7 @@ class DesignProblem(Distributed, Generic[R]):
             ParameterError: The solver has been used for another design since.
         """
         e, fields = evaluation, self.fields
-        seen = [self.physics.observed(response) for response in e.responses]
-        by_seen, by_variants = self.objective.backward(seen[0]), []
-        if self.robust is not None and e.variants:
-            weight = self.robust.tolerance.weight
-            first, *others = self.robust.spread_slopes(self.objective, *seen)
-            by_seen, by_variants = by_seen + weight * first, [weight * slope for slope in others]
+        by_seen = self.objective.backward(self.physics.observed(e.equilibrium))
         by_projected, by_pressure = self.physics.pull_back(e.equilibrium, by_seen)
         if by_pressure is not None and self.pressure_weight is not None:
             pairs = zip(e.equilibrium.pressures, self.physics.pressure_ranges, strict=True)
@@ -383,10 +318,6 @@ class DesignProblem(Distributed, Generic[R]):
             by_pressure = by_pressure + np.array(slopes)
         for term in self.terms:
             by_projected = by_projected + term.price * term.measure.backward(e.projected)
-        by_filtered = None
-        if self.robust is not None and by_variants:
-            by_filtered, more = self.robust.pull_back(fields, e.filtered, e.variants, by_variants)
-            by_pressure = None if by_pressure is None else by_pressure + more
         widths = []
         if self.length_scale is not None:
             parts = self.length_scale.backward(e.density, e.filtered, e.projected)
@@ -397,13 +328,12 @@ class DesignProblem(Distributed, Generic[R]):
         found = self.physics.residuals(e.equilibrium, self.objective)
         rows = [fields.backward(e.filtered, row) for row in found.gradients]
         return Slopes(
-            fields.backward(e.filtered, by_projected, by_filtered),
+            fields.backward(e.filtered, by_projected),
             by_pressure,
             widths,
             replace(found, gradients=rows),
         )
 
-    @collective("self.comm", owned=("density", "start"))
     def evaluate(
         self, density: Floats, start: Any = None, pressure: Pressure | None = None
     ) -> tuple[Evaluation[R], Slopes]:

@@ -1,15 +1,13 @@
-"""What makes a design of densities printable: filter, projection, widths, perimeter, tolerance."""
+"""What makes a design of densities printable: filter, projection, widths, perimeter."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from toros_fem.design.density.bar_width import offset_thresholds
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.density.neighbours import require_radius
 from toros_fem.design.density.perimeter import SHARPNESS
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.loop.robust import WidthTolerance
 
 # Power q of the projection: with 2 bends need less print than with 1, and are nearer to their
 # targets (docs/theory/design.md).
@@ -18,7 +16,7 @@ POWER = 2.0
 
 @dataclass(frozen=True)
 class Regularisation:
-    """Filter, projection, widths, perimeter and tolerance of a design of densities.
+    """Filter, projection, widths and perimeter of a design of densities.
 
     Only what is given is built: no perimeter without a weight. `ShapeDesign` checks the values.
 
@@ -31,8 +29,6 @@ class Regularisation:
         perimeter_weight: Weight of the perimeter term; None leaves it out.
         perimeter_window: Radius of its window in m; None takes R.
         perimeter_sharpness: w of eq. (15), as of `Perimeter`.
-        width_tolerance: How far the widths of printed lines may be off, for a design whose shape
-            changes little by it; None leaves this out.
     """
 
     filter_radius: float
@@ -42,26 +38,21 @@ class Regularisation:
     perimeter_weight: float | None = None
     perimeter_window: float | None = None
     perimeter_sharpness: float = SHARPNESS
-    width_tolerance: WidthTolerance | None = None
 
     def require_possible(self, size: float) -> None:
         """Check what is known without a mesh, on a skin of a size in m.
 
         Raises:
-            ParameterError: The filter is larger than the skin, or cannot enforce widths or
-                tolerance.
+            ParameterError: The filter is larger than the skin, or cannot enforce widths.
         """
-        radius, eta = self.filter_radius, self.projection.eta
-        require_radius(radius, size)
+        require_radius(self.filter_radius, size)
         if self.length_scale is not None:
-            self.length_scale.thresholds(self.filter, radius, eta)
-        if self.width_tolerance is not None:
-            offset_thresholds(self.filter, self.width_tolerance.offset / radius, eta)
+            self.length_scale.thresholds(self.filter, self.filter_radius, self.projection.eta)
 
     @property
     def plain(self) -> Regularisation:
         """Filter and projection alone, for a mesh on which nothing is designed."""
-        return replace(self, length_scale=None, perimeter_weight=None, width_tolerance=None)
+        return replace(self, length_scale=None, perimeter_weight=None)
 
     def scaled(self, factor: float) -> Regularisation:
         """Return the same on a mesh whose edges are longer by a factor: all lengths follow it."""

@@ -11,8 +11,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import collective
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     checked_axes,
     checked_floats,
@@ -32,7 +31,6 @@ from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.design.loop.regularisation import Regularisation
-from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import check_metrics
@@ -59,7 +57,7 @@ class ShapeDesign(ShapeProblem):
     Attributes:
         case, regularisation: As given, or as they were changed by the methods of this class. What
             else `changed` gives holds on this mesh alone, but for metrics. Where nothing is
-            designed, as in a print, variants, width constraints and perimeter are left out.
+            designed, as in a print, width constraints and perimeter are left out.
         fields: DensityFields, filter and projection.
 
     Raises:
@@ -69,7 +67,6 @@ class ShapeDesign(ShapeProblem):
 
     fields: DensityFields
 
-    @collective("comm")
     def __init__(
         self,
         comm: MPI.Comm,
@@ -124,12 +121,6 @@ class ShapeDesign(ShapeProblem):
             perimeter = Perimeter(skin, window, r.perimeter_sharpness, beyond=beyond)
             weight = r.perimeter_weight * self.parts / whole.pattern.size
             self.terms = [ObjectiveTerm("perimeter", perimeter, weight)]
-        if r.width_tolerance is not None:
-
-            def variant() -> InflatedSkin:
-                return replace(physics, solver=solver.like(log=None))
-
-            self.robust = Variants(r.width_tolerance, density_filter, r.projection.eta, variant)
         if r.length_scale is not None:
             self.length_scale = LengthScaleConstraints(
                 skin,
@@ -140,7 +131,6 @@ class ShapeDesign(ShapeProblem):
                 parts=self.parts,
             )
 
-    @collective("self.comm")
     def towards(self, case: Case) -> Self:
         """Return the same design with the target and the parts of another case (collective).
 
@@ -155,12 +145,6 @@ class ShapeDesign(ShapeProblem):
         made = case.objective(self.skin)
         return self.changed(objective=made, case=given, _of_case=(made, self._of_case[1]))
 
-    def without_variants(self) -> Self:
-        """Return the same design with the nominal pattern alone."""
-        plain = replace(self.regularisation, width_tolerance=None)
-        return self.changed(robust=None, regularisation=plain)
-
-    @collective("self.comm")
     def on(self, pattern: Pattern) -> ShapeDesign:
         """Return the same design on the same triangles, whose vertices have moved (collective).
 
@@ -172,7 +156,6 @@ class ShapeDesign(ShapeProblem):
         """
         return self._with(self.case.on(pattern), self.regularisation)
 
-    @collective("self.comm")
     def for_print(self, regions: Sequence[BaseGeometry]) -> ShapeDesign:
         """Return the design on a mesh whose edges are the borders of a print (collective).
 
@@ -221,9 +204,8 @@ def _check_kinds(
     if log is not None:
         require_callable("log", log, "a function, or None")
     require_kind("projection", regularisation.projection, Projection, "a Projection")
-    for name, kind in (("length_scale", LengthScale), ("width_tolerance", WidthTolerance)):
-        value = getattr(regularisation, name)
-        require_kind(name, value, (kind, type(None)), f"a {kind.__name__}, or None")
+    what = "a LengthScale, or None"
+    require_kind("length_scale", regularisation.length_scale, (LengthScale, type(None)), what)
 
 
 def _given_density(case: Case) -> Floats | None:
@@ -232,9 +214,9 @@ def _given_density(case: Case) -> Floats | None:
     count, passive = len(case.pattern.triangles), case.passive
     if passive is not None:
         what = "one density for each triangle, NaN where it is designed"
-        passive = real_numbers("passive", passive, what, DensityError)
+        passive = real_numbers("passive", passive, what, ParameterError)
     if passive is not None and passive.shape != (count,):
-        raise DensityError(
+        raise ParameterError(
             f"passive has shape {passive.shape}; it must be ({count},), one density for each "
             "triangle of the pattern, NaN where it is designed."
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.mpi import collective, largest
+from toros_fem.base.mpi import largest
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -53,7 +53,6 @@ class ShapeProblem(DesignProblem[Equilibrium]):
         positions, pattern = self.skin.gather_vertices(owned), self.skin.pattern
         return {m.key: m.value(pattern, positions) for m in self.metrics}
 
-    @collective("self.comm")
     def shape_derivatives(
         self,
         evaluation: Evaluation[Equilibrium],

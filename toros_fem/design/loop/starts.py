@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import raise_together, together
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.journal import Journal
@@ -52,11 +52,8 @@ def best_start(
         journal: Each seed has a branch of its own.
 
     Raises:
-        ParameterError: There are no seeds, or one comes twice.
         NoEquilibriumError: No start has an equilibrium.
     """
-    if not seeds or len(set(seeds)) < len(seeds):
-        raise ParameterError(f"seeds = {list(seeds)} must be one number or more, all different.")
     found: dict[int, tuple[bool, float]] = {}
     best: CarriedDesign | None = None
     failure: NoEquilibriumError | None = None

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Fraction, In, Positive, Table, key
-from toros_fem.base.mpi import Distributed, collective, largest, require_comm, together, total
+from toros_fem.base.mpi import largest, require_comm, together, total
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import (
     checked_floats,
@@ -51,7 +51,7 @@ class MMAOptions(Table):
 
 
 @dataclass
-class MMAState(Distributed):
+class MMAState:
     """State of the iteration as plain arrays; a run that starts from it continues exactly.
 
     Attributes:
@@ -71,7 +71,7 @@ class MMAState(Distributed):
 
 
 @dataclass(frozen=True, eq=False)
-class Functions(Distributed):
+class Functions:
     """What MMA minimises, at one point: values, which are alike on all ranks, and owned gradients.
 
     Where only values are asked for, gradients are left out.
@@ -148,7 +148,6 @@ class Functions(Distributed):
                 )
 
 
-@collective("comm", owned=("lower", "upper", "move"))
 @dataclass(eq=False, repr=False)
 class MMA:
     """Svanberg's MMA and GCMMA: min f₀ + Σ rₖ² subject to fᵢ ≤ 0, x̲ ≤ x ≤ x̄.
@@ -273,7 +272,6 @@ class MMA:
         The next proposed point does not change, except for the constant 1e-5 that keeps the
         approximations convex.
         """
-        require_positive(factor=factor)
         state, m, root = self.state, self.constraints, factor**0.5
         state.unit *= factor
         if state.curvature is not None:

@@ -8,7 +8,7 @@ from functools import partial
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_count, require_kind, require_positive, shown
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.carried import CarriedDesign
@@ -97,7 +97,6 @@ class RelaxedResult(CarriedDesign):
     reason: str
 
 
-@collective("design.comm", owned=("after", "journal"))
 def find_lines(
     design: ShapeProblem,
     options: RelaxedOptions | None = None,
@@ -128,9 +127,8 @@ def find_lines(
     """
     begin = time.perf_counter()
     require_kind("design", design, ShapeProblem, "a ShapeProblem, a ShapeDesign for instance")
-    require_kind("options", options, (RelaxedOptions, type(None)), "RelaxedOptions, or None")
-    options = options or RelaxedOptions()
     skin = design.skin
+    options, seed = on_first_rank(skin.comm, partial(_settings, options, seed))
     count = len(skin.pattern.panel)
     if after is not None and len(after.density) != count:
         raise ParameterError(
@@ -178,3 +176,10 @@ def _field(problem: ShapeProblem, material: Floats) -> LineField:
     """Return the line families of a relaxed problem, on every rank (collective)."""
     assert isinstance(problem.fields, LineShares)
     return problem.fields.line_field(material)
+
+
+def _settings(options: RelaxedOptions | None, seed: int) -> tuple[RelaxedOptions, int]:
+    """Return options and seed, checked."""
+    require_count(0, seed=seed)
+    require_kind("options", options, (RelaxedOptions, type(None)), "RelaxedOptions, or None")
+    return options or RelaxedOptions(), seed

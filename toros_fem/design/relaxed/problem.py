@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import DensityError
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, together, total
 from toros_fem.base.validation import require_count
 from toros_fem.design.density.linear import Linear
@@ -63,12 +63,12 @@ class LineShares(Fields):
         count = len(self.skin.owned_cells) * self.families.fields
         with together(self.skin.comm):
             if np.shape(x) != (count,):
-                raise DensityError(
+                raise ParameterError(
                     f"the variables have shape {np.shape(x)}; this rank has {count}, "
                     f"{self.families.fields} of each owned triangle."
                 )
             if not np.all((np.asarray(x) >= 0) & (np.asarray(x) <= 1)):
-                raise DensityError("a variable of the line families leaves [0, 1], or is NaN.")
+                raise ParameterError("a variable of the line families leaves [0, 1], or is NaN.")
         return np.asarray(x)
 
     def with_passive(self, x: Floats) -> Floats:

@@ -7,7 +7,6 @@ from scipy.sparse import coo_array, csc_array, diags_array, eye_array, kron, spa
 from scipy.sparse.linalg import splu
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.validation import require_positive
 from toros_fem.design.density.linear import Linear, Map
 from toros_fem.design.relaxed.families import Families
 from toros_fem.meshes.pattern import Pattern
@@ -32,7 +31,6 @@ def smoothing(
     pattern that are not designed, (t,), have no lines, and are left at zero. The mesh of a relaxed
     problem is coarse: every rank solves the whole system.
     """
-    require_positive(radius=radius)
     pattern, fields, centre = skin.pattern, families.fields, families.centre
     count = len(pattern.panel)
     cells = np.arange(count) if designed is None else np.flatnonzero(designed)

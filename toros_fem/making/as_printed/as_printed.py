@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError, PatternError
-from toros_fem.base.mpi import collective, on_first_rank, total
+from toros_fem.base.mpi import on_first_rank, total
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.journal import Journal, kept_evaluation
@@ -117,7 +117,6 @@ def contour_values(problem: DesignProblem, density: Floats) -> tuple[Floats, Flo
     return at_points, at_centroids
 
 
-@collective("problem.comm", owned=("journal",))
 def as_printed(
     problem: DesignProblem,
     result: DesignResult,
@@ -138,7 +137,6 @@ def as_printed(
     return printed(problem, lambda: cleaned, limits, like=result.final, journal=journal)
 
 
-@collective("problem.comm")
 def cleaned_print(
     problem: DesignProblem,
     result: DesignResult,
@@ -166,7 +164,6 @@ def cleaned_print(
     return on_first_rank(problem.comm, cleaning)
 
 
-@collective("problem.comm", owned=("journal",))
 def printed_lines(
     problem: DesignProblem,
     pattern: Pattern,
@@ -206,7 +203,6 @@ def printed_lines(
     return printed(problem, cleaning, limits, near=near, pressure=pressure, journal=journal)
 
 
-@collective("problem.comm")
 def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> Any:
     """Return the state of a problem with the shape of another mesh of its panels (collective).
 
@@ -216,7 +212,6 @@ def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> A
     return problem.physics.state_at(there)
 
 
-@collective("problem.comm")
 def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: float) -> None:
     """Check types and values of what a print is made of, alike on all ranks (collective)."""
     require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
@@ -224,7 +219,6 @@ def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: 
     require_island_area(problem.skin.pattern, island_area)
 
 
-@collective("problem.comm", owned=("cleaning", "near", "journal"))
 def printed(
     problem: DesignProblem,
     cleaning: Callable[[], CleanedRegions],
@@ -299,7 +293,6 @@ def printed(
     return PrintedDesign(pattern, cleaned, limits, cells, evaluation, failure)
 
 
-@collective("problem.comm", owned=("cleaned",))
 def unmeshed(
     problem: DesignProblem, cleaned: CleanedRegions, limits: PrintLimits, failure: str
 ) -> PrintedDesign:

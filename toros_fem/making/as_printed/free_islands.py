@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.journal import Journal
@@ -17,7 +17,6 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 
 
-@collective("result.problem.comm", owned=("callback", "journal"))
 def polished(
     result: DesignResult,
     printed: PrintedDesign,

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter1d
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import DensityError
+from toros_fem.base.errors import ParameterError
 from toros_fem.making.print.polygons import changed_border
 from toros_fem.meshes.panels import polygons_of
 from toros_fem.meshes.pattern import Pattern
@@ -33,7 +33,7 @@ def printed_regions(
     the values ρ̃ at flat points, (m,), and at centroids, (t,), are met exactly.
 
     Raises:
-        DensityError: The values do not fit the pattern, or are not finite.
+        ParameterError: The values do not fit the pattern, or are not finite.
     """
     count = len(pattern.flat_points)
     for name, array, size in (
@@ -41,7 +41,7 @@ def printed_regions(
         ("at_centroids", at_centroids, len(pattern.panel)),
     ):
         if np.shape(array) != (size,) or not np.all(np.isfinite(array)):
-            raise DensityError(
+            raise ParameterError(
                 f"{name} has shape {np.shape(array)}; it must hold {size} finite values, one for "
                 "each."
             )

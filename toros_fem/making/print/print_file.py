@@ -12,7 +12,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
-from toros_fem.base.errors import PatternFileError
+from toros_fem.base.errors import FileError
 from toros_fem.base.mpi import on_root
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.meshes.pattern import Pattern, Regions
@@ -48,7 +48,7 @@ def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
     """Read the print of a finished run, by its folder or file, the same on all ranks (collective).
 
     Raises:
-        PatternFileError: There is no such file, it is damaged, of another kind or format, or holds
+        FileError: There is no such file, it is damaged, of another kind or format, or holds
             no valid print.
     """
     path = Path(run)
@@ -60,7 +60,7 @@ def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
         pattern = pattern_of(archive)
         return StoredPrint(pattern, regions_of(archive, len(pattern.panel_names)), limits)
 
-    return read_archive(path, KIND, make, PatternFileError, remedy)
+    return read_archive(path, KIND, make, FileError, remedy)
 
 
 def packed_regions(regions: Regions) -> dict[str, npt.NDArray]:
@@ -75,9 +75,9 @@ def regions_of(archive: Archive, panels: int) -> list[BaseGeometry]:
     data, sizes = (archive.arrays[name] for name in REGIONS)
     fits = len(sizes) == panels and sizes.min() >= 0
     if not fits or sizes.sum() != data.nbytes:
-        raise PatternFileError("the polygons do not fit the panels")
+        raise FileError("the polygons do not fit the panels")
     text, stops = data.tobytes(), np.cumsum(sizes)
     try:
         return [shapely.from_wkb(text[b - n : b]) for b, n in zip(stops, sizes, strict=True)]
     except shapely.errors.ShapelyError as caught:
-        raise PatternFileError(f"the polygons cannot be read ({caught})") from None
+        raise FileError(f"the polygons cannot be read ({caught})") from None

@@ -7,7 +7,7 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.ribbons import straight_joints
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes.affine import Affine
@@ -90,7 +90,6 @@ def with_more(
     return own if more.is_empty else own.union(more & other) & outline
 
 
-@collective("comm")
 def case_of_print(
     comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions, *, coarser: float = 1.0
 ) -> Case:
@@ -102,7 +101,6 @@ def case_of_print(
     return case.following(comm, own, coarser=coarser)
 
 
-@collective("comm")
 def print_on(
     comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions, *, any_size: bool = False
 ) -> list[BaseGeometry]:

@@ -13,7 +13,7 @@ from shapely.geometry import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import SheetError, TorosError
+from toros_fem.base.errors import OutlineError, TorosError
 from toros_fem.making.options import DEFAULT, ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_sheets
 from toros_fem.making.panels.marks import CLEAR, HEIGHT, ruler
@@ -186,7 +186,7 @@ def placing_fault(pattern: Pattern) -> str | None:
     """Return why the panels of a whole pattern fit on no sheet of the default size, or None."""
     try:
         manufacture(pattern, [MultiPolygon()] * len(pattern.panel_names), ManufactureOptions())
-    except SheetError as error:
+    except OutlineError as error:
         return str(error)
     except TorosError:  # of a package or of the pattern: told where the files are made
         return None

@@ -13,7 +13,7 @@ from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import SheetError
+from toros_fem.base.errors import OutlineError
 from toros_fem.making.packages import required
 from toros_fem.meshes.affine import Affine
 
@@ -73,7 +73,7 @@ def nest(
             free: quarter turns of its chart and of its narrowest rectangle.
 
     Raises:
-        SheetError: A panel fits on no sheet.
+        OutlineError: A panel fits on no sheet.
         MissingPackageError: u-nesting is not installed, and panels must be nested.
     """
     usable = np.array(size) - 2 * margin
@@ -118,7 +118,7 @@ def _require_fit(
         return
     wide, deep = MM * sizes[0]
     turned = ", turned as its grain allows" if len(turns) == 2 else ""
-    raise SheetError(
+    raise OutlineError(
         f"panel {name!r} is {wide:.1f} × {deep:.1f} mm with its allowance and crosses{turned}, and "
         f"does not fit on a sheet of {MM * size[0]:g} × {MM * size[1]:g} mm, of which "
         f"{MM * usable[0]:.1f} × {MM * usable[1]:.1f} mm are within the margin. Give a larger bed "
@@ -181,7 +181,7 @@ def _nested(
     answer = nesting.solve_2d(parts, {"width": width, "height": height}, config)
     if not answer["success"] or not answer["all_placed"]:
         left = ", ".join(repr(names[int(k)]) for k in answer.get("unplaced", []))
-        raise SheetError(
+        raise OutlineError(
             f"no place was found for {left or 'the panels'} ({answer.get('error') or 'no room'}). "
             "Give a larger bed or sheet, or a smaller gap between panels."
         )
@@ -216,7 +216,7 @@ def _require_apart(
         if not sheet.covers(region) or any(
             region.distance(other) < gap - 2 * ROUNDING for other in others
         ):
-            raise SheetError(
+            raise OutlineError(
                 f"panel {place.panel!r} was nested beyond its sheet, or less than {MM * gap:g} mm "
                 "from another one. Give a larger margin or gap."
             )

@@ -9,7 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from toros_fem.base.errors import ManufactureFileError
+from toros_fem.base.errors import FileError
 from toros_fem.base.files import read_json, replacing, write_json
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg
@@ -54,9 +54,9 @@ def write_manufacture(
         others: Names of files that the caller writes into the folder afterwards.
 
     Raises:
-        ManufactureFileError: A file of somebody else, or one that was changed, has the name of one
+        FileError: A file of somebody else, or one that was changed, has the name of one
             that would be written.
-        SheetError, PatternError, MissingPackageError: As of `manufacture`, or a package of the
+        OutlineError, PatternError, MissingPackageError: As of `manufacture`, or a package of the
             extra `manufacture` is not installed.
     """
     folder = Path(folder)
@@ -152,7 +152,7 @@ def _require_room(
     there = {path.name for path in folder.iterdir()}
     barred = [name for name in names if name in there and not _is_ours(folder / name, earlier)]
     if barred:
-        raise ManufactureFileError(
+        raise FileError(
             f"{folder} has {', '.join(barred)}, which {NAME} there does not list as made by "
             "toros, or which changed since. Move such files, or choose another folder; nothing "
             "was done to them."

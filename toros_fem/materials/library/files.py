@@ -11,10 +11,10 @@ from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError
+from toros_fem.base.errors import FileError
 from toros_fem.base.files import naming, replace_file
 from toros_fem.base.keys import nearest
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.toml_files.document import Document, read_text
 from toros_fem.base.toml_files.lines import key_lines
 from toros_fem.base.validation import checked_path, require_kind
@@ -26,17 +26,16 @@ HEAD = "# Materials of one's own. Scenes name this file by: materials, in their 
 KEYS = {name: one for name, one in LibraryMaterial.described().items() if name != "name"}
 
 
-@collective("comm")
 def read_library(*paths: str | Path, comm: MPI.Comm | None = None) -> Mapping[str, LibraryMaterial]:
     """Return the shipped materials by name, and those of files of one's own over them.
 
     The first rank of a communicator reads for all (collective); without, each rank reads.
 
     Raises:
-        LibraryError: A file cannot be read, or a key or value is wrong; with file, line and key.
+        FileError: A file cannot be read, or a key or value is wrong; with file, line and key.
             It is raised on all ranks.
     """
-    places = [SHIPPED, *(checked_path("path", path, LibraryError) for path in paths)]
+    places = [SHIPPED, *(checked_path("path", path, FileError) for path in paths)]
 
     def read() -> dict[str, LibraryMaterial]:
         return {name: one for path in places for name, one in read_materials(path).items()}
@@ -46,26 +45,26 @@ def read_library(*paths: str | Path, comm: MPI.Comm | None = None) -> Mapping[st
 
 def read_materials(path: Path, text: str | None = None) -> dict[str, LibraryMaterial]:
     """Return the materials of one file by name, in its order; of a text that it may hold."""
-    text = read_text(path, WHAT, LibraryError) if text is None else text
-    document = Document(path, text, LibraryError)
+    text = read_text(path, WHAT, FileError) if text is None else text
+    document = Document(path, text, FileError)
     return {name: _entry(document, name, values) for name, values in document.content.items()}
 
 
 def named(
     library: Mapping[str, LibraryMaterial], name: str, kind: str | None = None
 ) -> LibraryMaterial:
-    """Return a material of a library, of a kind where one is asked for, or a LibraryError.
+    """Return a material of a library, of a kind where one is asked for, or a FileError.
 
     That tells the nearest name, or that the material is of another kind.
     """
     known = [one for one, entry in library.items() if kind in (None, entry.kind)]
     if name not in library:
-        raise LibraryError(
+        raise FileError(
             f"{name!r} is no {kind or 'material'} of the library; {nearest(name, known)} `toros "
             "materials` lists all."
         )
     if name not in known:
-        raise LibraryError(
+        raise FileError(
             f"{name!r} is a {library[name].kind}, and a {kind} is asked for; known are "
             f"{', '.join(known) or 'none'}."
         )
@@ -78,21 +77,21 @@ def write_material(path: str | Path, entry: LibraryMaterial) -> None:
     An entry of the same name is replaced. Others stay, with their comments.
 
     Raises:
-        LibraryError: The file is there and cannot be read, or holds the entry in a form that
+        FileError: The file is there and cannot be read, or holds the entry in a form that
             cannot be replaced.
         OutputError: The file cannot be written.
     """
-    path = checked_path("path", path, LibraryError)
+    path = checked_path("path", path, FileError)
     require_kind("entry", entry, LibraryMaterial, "a LibraryMaterial")
     mode = path.stat().st_mode if path.exists() else None
-    text = HEAD if mode is None else read_text(path, WHAT, LibraryError)
+    text = HEAD if mode is None else read_text(path, WHAT, FileError)
     wanted, changed = {**read_materials(path, text), entry.name: entry}, _replaced(text, entry)
     try:
         found = read_materials(path, changed)
-    except LibraryError:
+    except FileError:
         found = {}
     if found != wanted:
-        raise LibraryError(
+        raise FileError(
             f"{path}: {entry.name} does not stand there as a table [{entry.name}] of its own, and "
             "cannot be replaced. Take it out by hand.",
             path,

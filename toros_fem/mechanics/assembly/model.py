@@ -13,7 +13,7 @@ from dolfinx import fem
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.compiled_forms import SharedForms, assembled, work_vector
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective, dot, total
+from toros_fem.base.mpi import dot, total
 from toros_fem.base.validation import require_callable, require_kind
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.materials.sheet import Composite
@@ -81,7 +81,6 @@ class SkinModel:
         size_local: Number of owned unknowns.
     """
 
-    @collective("skin.comm", owned=("terms",))
     def __init__(
         self,
         skin: Skin,
@@ -95,10 +94,8 @@ class SkinModel:
         self.contact, self.pressure = self._of(SkinContact), self._of(Pressure)
         self.weight, self.images = self._of(OwnWeight), self._of(Images)
         self.sheet, self.bend = self._of(Sheet), self._of(Bend)
-        bounds = [term.bounds for term in terms if term.bounds is not None]
-        if len(bounds) != 1:
-            raise ParameterError(f"{len(bounds)} terms have stretch bounds; a skin has one sheet.")
-        self.bounds: StretchBounds = bounds[0]
+        (bounds,) = (term.bounds for term in terms if term.bounds is not None)
+        self.bounds: StretchBounds = bounds
 
         flaps = None if self.bend is None else self.bend.hinges.flap
         unknowns = [term.unknowns for term in terms if term.unknowns is not None]
@@ -179,12 +176,6 @@ class SkinModel:
 
     def set_load(self, load: Load) -> None:
         """Let a load act; where it moves the supports, the state must already be moved."""
-        shape = (self.chamber_count,)
-        if load.pressures.shape != shape:
-            raise ParameterError(
-                f"the load has pressures of shape {load.pressures.shape}; this skin needs "
-                f"{shape}, one for each chamber."
-            )
         self.load = load
         for term in self.terms:
             term.set_load(load)
@@ -380,7 +371,6 @@ class Further(TypedDict, total=False):
     quadratic: Bools | None
 
 
-@collective("skin.comm")
 def make_model(
     skin: Skin, composite: Composite, supports: Supports, **further: Unpack[Further]
 ) -> SkinModel:
@@ -390,9 +380,9 @@ def make_model(
 
     Raises:
         ParameterError: They leave one, or are made for another pattern; an argument is of another
-            type or differs between the ranks; the walls between the chambers cannot be found; or
-            a relaxed design is to touch something.
-        OpenSkinError: Chambers of a skin with free edges that no symmetry plane closes.
+            type; the walls between the chambers cannot be found; or a relaxed design is to touch
+            something.
+        PatternError: Chambers of a skin with free edges that no symmetry plane closes.
     """
     unknown = further.keys() - Further.__annotations__
     if unknown:

@@ -1,8 +1,7 @@
-"""Rigid bodies: closed surfaces that are held, moved, or free with a mass."""
+"""Rigid bodies: closed surfaces that are held, moved, or free."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NoReturn
@@ -13,9 +12,8 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError, SurfaceError
 from toros_fem.base.validation import (
     checked_floats,
-    require_between,
+    require_flag,
     require_kind,
-    require_positive,
     whole_numbers,
 )
 from toros_fem.mechanics.contact.library import collision_mesh, ipctk
@@ -35,7 +33,7 @@ class RigidBody:
         name: Its name, in results and reports.
         points: Vertices of its surface in m, (n, 3), where it is made.
         triangles: Their triangles, (m, 3), oriented outwards; all are turned if they face inwards.
-        mass: In kg, of a body that moves freely; None for one that is held or moved with the load.
+        free: Whether what touches it moves it; others are held, or moved with the load.
 
     Raises:
         SurfaceError: Its surface is open, not connected, or no surface; or as of `Surface`.
@@ -44,14 +42,13 @@ class RigidBody:
     name: str
     points: Floats
     triangles: Ints
-    mass: float | None = None
+    free: bool = False
 
     def __post_init__(self) -> None:
         require_kind("name", self.name, str, "a text")
         if not self.name:
             raise ParameterError("a rigid body has an empty name; give one.")
-        if self.mass is not None:
-            require_positive(mass=self.mass)
+        require_flag(free=self.free)
         try:
             surface = _closed(self.points, self.triangles)
         except (SurfaceError, PatternError) as error:
@@ -66,7 +63,7 @@ class RigidBody:
 
     @cached_property
     def centre(self) -> Floats:
-        """Centroid of the volume in m, (3,): the centre of mass and of rotations."""
+        """Centroid of the volume in m, (3,): the centre of rotations."""
         middle = self.points.mean(axis=0)  # close by, so that far bodies lose no digits
         corners = (self.points - middle)[self.triangles]
         six = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
@@ -81,7 +78,7 @@ class RigidBody:
         """Return the body made at another pose, (6,): translation in m, rotation vector in rad."""
         pose = checked_floats("pose", pose, "six finite numbers, in m and rad", (6,))
         points = placed(self.points, self.centre, pose)
-        return RigidBody(self.name, points, self.triangles, self.mass)
+        return RigidBody(self.name, points, self.triangles, self.free)
 
     def inset(self, depth: float) -> Floats:
         """Return its vertices moved inwards, (n, 3) in m, so that all faces move by a depth.
@@ -95,7 +92,6 @@ class RigidBody:
             ParameterError: A triangle would turn over, or two walls would cross: the body is too
                 thin or too sharp there.
         """
-        require_between(0, math.inf, depth=depth)
         points, triangles = self.points, self.triangles
         normal = normals(points, triangles)
         unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)

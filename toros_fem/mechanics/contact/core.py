@@ -220,21 +220,8 @@ class ContactCore:
         if transposed:
             ways = self._by_bodies(poses) @ turn.ravel()
             given = skin + ways.reshape(friction.sides, -1, 3)
-            by_normal, _ = friction.force_backward(points, poses, given)
+            by_normal = friction.force_backward(points, poses, given)
             return self._to_unknowns(self.barrier.normals_backward(x, by_normal), poses)
         moved = np.append(skin, self._bodies.jacobian(poses) @ turn.ravel())
         force = friction.force_change(points, poses, self.barrier.normals_change(x, moved))
         return self._of_friction(force, poses)
-
-    def begin_backward(self, x: Floats, poses: Floats, adjoint: Floats) -> Floats:
-        """Return Σ adjoint · d(force)/d(anchors at the begin), (sides, n, 3)."""
-        assert self._friction is not None
-        given = np.broadcast_to(adjoint, self._friction.normals.shape)
-        return self._friction.force_backward(x[: self._count], poses, given)[1]
-
-    def end_backward(self, x: Floats, poses: Floats, slope: Floats) -> tuple[Floats, Floats]:
-        """Return the derivatives of Σ slope · anchors at the end, by positions and by the begin."""
-        assert self._friction is not None
-        points = x[: self._count]
-        by_point, by_normal, by_anchor = self._friction.end_backward(points, poses, slope)
-        return by_point + self.barrier.normals_backward(x, by_normal)[: self._count], by_anchor

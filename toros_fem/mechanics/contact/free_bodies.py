@@ -15,7 +15,7 @@ from toros_fem.meshes.triangles import surface_areas
 
 
 class FreeBodies:
-    """The surfaces of all n bodies, and the motion of the k ones with a mass.
+    """The surfaces of all n bodies, and the motion of the k free ones.
 
     The surfaces are moved inwards by half the sheet's thickness, since distances are those of
     its middle surface. A free body has six unknowns, all in m: its translation, and its rotation
@@ -30,7 +30,6 @@ class FreeBodies:
         counts: Number of vertices of each body.
         moving: Vertices of the free bodies.
         scale: Pose in m and rad by each unknown, (k, 6).
-        weight: Force of gravity on the unknowns, (k, 6), in N.
     """
 
     def __init__(self, contact: Contact, thickness: float) -> None:
@@ -51,9 +50,6 @@ class FreeBodies:
         self.areas: Floats = np.concatenate([np.zeros(0), *areas])
         radii = [bodies[k].radius for k in self.free]
         self.scale = np.array([[1.0] * 3 + [1 / radius] * 3 for radius in radii]).reshape(-1, 6)
-        self.weight: Floats = np.zeros((self.count, 6))
-        masses = np.array([bodies[k].mass or 0.0 for k in self.free])
-        self.weight[:, :3] = masses[:, None] * contact.gravity
 
     def poses(self, unknowns: Floats, held: Floats) -> Floats:
         """Return the poses of all bodies from the unknowns in m, (k, 6), and those held."""
@@ -87,10 +83,6 @@ class FreeBodies:
     def reduced(self, poses: Floats, forces: Floats) -> Floats:
         """Return what forces on all vertices, (v, 3), are on the unknowns, (k, 6), in N."""
         return np.asarray(self.jacobian(poses).T @ forces.ravel()).reshape(-1, 6)
-
-    def work(self, poses: Floats) -> float:
-        """Return the work in J of the weights, from where the bodies were made."""
-        return float((self.weight[:, :3] * poses[self.free, :3]).sum())
 
     def largest_angle(self, motions: Floats) -> float:
         """Return the largest rotation in rad of a change of the unknowns, (k, 6)."""

@@ -18,7 +18,6 @@ from toros_fem.base.validation import (
 )
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.skin.dead_loads import GRAVITY
 
 # Distance within which contact acts, over the thickness.
 RANGE = 0.5
@@ -54,7 +53,7 @@ class Contact:
 
     Attributes:
         ground: The ground, or several half-spaces; None for none.
-        bodies: Rigid bodies: held, moved with the load, or free with a mass.
+        bodies: Rigid bodies: held, moved with the load, or free.
         self_contact: Whether the skin's layers touch each other.
         friction: Coefficient μ of Coulomb's friction of the skin on ground and bodies; None for
             none. Layers of the skin slide on each other without friction, and so do bodies on each
@@ -66,7 +65,6 @@ class Contact:
             shrunk by about a half; None takes the fabric's E.
         slip: In m, the tangential motion at which friction is fully mobilised; None takes
             `distance`.
-        gravity: Acceleration in m/s² that acts on free bodies.
     """
 
     ground: Ground | Sequence[Ground] | None = None
@@ -78,7 +76,6 @@ class Contact:
     distance: float | None = None
     stiffness: float | None = None
     slip: float | None = None
-    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
 
     def __post_init__(self) -> None:
         grounds = () if self.ground is None else self.ground
@@ -107,8 +104,6 @@ class Contact:
                 "pads slide on the ground, and all other faces have friction: give ground and "
                 "friction, or leave the pads out."
             )
-        gravity = checked_floats("gravity", self.gravity, "a finite vector, in m/s²", (3,))
-        object.__setattr__(self, "gravity", tuple(float(v) for v in gravity))
         if not (self.ground or self.bodies or self.self_contact):
             raise ParameterError(
                 "this contact touches nothing: give ground or bodies, set self_contact, or give "
@@ -123,8 +118,8 @@ class Contact:
 
     @property
     def free_bodies(self) -> tuple[int, ...]:
-        """Numbers of the bodies with a mass, which move freely."""
-        return tuple(k for k, body in enumerate(self.bodies) if body.mass is not None)
+        """Numbers of the bodies that move freely."""
+        return tuple(k for k, body in enumerate(self.bodies) if body.free)
 
     @property
     def holds(self) -> bool:

@@ -8,7 +8,7 @@ from typing import TypeVar, override
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
-from toros_fem.base.mpi import OnFirst, largest, on_first_rank, total
+from toros_fem.base.mpi import OnFirst, largest, on_first_rank
 from toros_fem.mechanics.contact.barrier import Barrier
 from toros_fem.mechanics.contact.core import ContactCore
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
@@ -22,8 +22,6 @@ from toros_fem.meshes.skin import Skin
 
 T = TypeVar("T")
 
-# Way of a free body over the size of the skin at which it is taken to fall without end.
-FALLEN = 3.0
 # Largest motion of a step over the size of the skin: the space that longer ones sweep is full of
 # pairs. Largest rotation of a body in rad: its vertices move straight in the search for pairs.
 # Factor on a step that must be searched again.
@@ -62,7 +60,6 @@ class SkinContact(Term):
         self.contact, self.sizes = contact, sizes
         self._bodies = bodies = FreeBodies(contact, sizes.thickness)
         self.poses: Floats = np.zeros((len(contact.bodies), 6))
-        self._weight_fraction = 0.0
         if bodies.count:
             blocks = blocks_of_first_rank(self._comm, bodies.count)
             self.unknowns = Unknowns(blocks, np.zeros((bodies.count, 6), dtype=bool))
@@ -95,7 +92,6 @@ class SkinContact(Term):
     @override
     def set_load(self, load: Load) -> None:
         self.poses[:] = 0.0 if load.poses is None else load.poses
-        self._weight_fraction = load.weight_of_bodies
 
     @override
     def add_rest(self, x: Floats) -> None:
@@ -120,11 +116,6 @@ class SkinContact(Term):
         x = x.copy()
         self.set_motions(x, self._bodies.shortest(self.motions(x)))
         return x
-
-    def falls(self, x: Floats) -> bool:
-        """Return whether a free body is so far away that nothing will hold it any more."""
-        way = largest(self._comm, float(np.abs(self.motions(x)[:, :3]).max(initial=0.0)))
-        return way > FALLEN * self._skin.pattern.size
 
     def poses_of(self, x: Floats) -> Floats:
         """Return the poses of all bodies in a state, (k, 6), in m and rad."""
@@ -152,27 +143,21 @@ class SkinContact(Term):
         if self._comm.rank == 0:
             out[self._dofs] += bodies
 
-    @property
-    def _weight(self) -> Floats:
-        """Force of gravity on the unknowns of the free bodies that acts, in N, (f, 6)."""
-        return self._weight_fraction * self._bodies.weight
-
     @override
     def energy(self, x: Floats) -> float:
-        """Return barrier energy less the work of the bodies' weight, in J, and with friction.
+        """Return the energy of barrier and friction in J.
 
         Friction has the normal forces of the last `lag_friction`. The energy is infinite where
         surfaces are too near to each other.
         """
         vertices, poses = self._at(x)
-        found = self._core(lambda core: core.energy(vertices, poses))
-        return found - self._weight_fraction * self._bodies.work(poses)
+        return self._core(lambda core: core.energy(vertices, poses))
 
     @override
     def add_gradient(self, x: Floats, out: Floats) -> None:
         at = self._at(x)
         skin, bodies = self._core(lambda core: core.gradient(*at))
-        self._add(out, skin, bodies - self._weight)
+        self._add(out, skin, bodies)
 
     @override
     def entries(self, x: Floats, *, definite: bool) -> Floats:
@@ -185,15 +170,6 @@ class SkinContact(Term):
         if self._core(lambda core: core.grow(*at)):
             self.generation += 1
             self._take_pairs()
-
-    @override
-    def add_applied(self, x: Floats, out: Floats) -> None:
-        if self._comm.rank == 0:
-            out[self._dofs] += self._weight
-
-    @override
-    def load_energy(self, x: Floats) -> float:
-        return total(self._comm, float(np.abs(self._weight * self.motions(x)).sum()))
 
     @override
     def largest_step(self, x: Floats, step: Floats, factor: float, carried: Floats | None) -> float:
@@ -293,22 +269,3 @@ class SkinContact(Term):
         found = self._core(lambda core: core.coupling(*at, skin, turn, transposed=transposed))
         self._add(out, *found)
         return out
-
-    def begin_step_backward(self, x: Floats, adjoint: Floats) -> Floats:
-        """Return Σ adjoint · d(force)/d(anchors at the begin), (sides, n, 3), on all ranks.
-
-        x is the state of the last `lag_friction`.
-        """
-        at, whole = self._at(x), self._skin.gather_vertices(positions(self._skin, adjoint))
-        return self._core(lambda core: core.begin_backward(*at, whole))
-
-    def end_step_backward(self, x: Floats, slope: Floats) -> tuple[Floats, Floats]:
-        """Return the derivatives of Σ slope · anchors at the end, by state and by the begin.
-
-        x is the state of the last `lag_friction`. The slope is (sides, n, 3), equal on all ranks.
-        """
-        at = self._at(x)
-        skin, by_anchor = self._core(lambda core: core.end_backward(*at, slope))
-        out = np.zeros_like(x)
-        positions(self._skin, out)[:] = skin[self._skin.owned_vertices]
-        return out, by_anchor

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.validation import require_positive
 from toros_fem.mechanics.contact.motion import pose_curvature, pose_jacobian, rotation
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
 
@@ -102,31 +101,10 @@ class SlidingFriction:
         by_normal = self._of_law("force_by_normal", points, poses, self.anchors)
         return np.einsum("snij,snj->sni", by_normal, change)
 
-    def force_backward(
-        self, points: Floats, poses: Floats, adjoint: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return the derivatives of Σ adjoint · `force` by normal forces and by anchors."""
+    def force_backward(self, points: Floats, poses: Floats, adjoint: Floats) -> Floats:
+        """Return the derivative of Σ adjoint · `force` by normal forces."""
         by_normal = self._of_law("force_by_normal", points, poses, self.anchors)
-        by_motion = self._of_law("stiffness", points, poses)
-        return (
-            np.einsum("snij,sni->snj", by_normal, adjoint),
-            -(np.einsum("snij,sni->snj", by_motion, adjoint) @ self._turns(poses)),
-        )
-
-    def end_backward(
-        self, points: Floats, poses: Floats, slope: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return the derivatives of Σ slope · `end` by positions, (n, 3), normals and anchors."""
-        turns = self._turns(poses)
-        slope = slope @ turns.transpose(0, 2, 1)
-        by_motion = self._of_law("elastic_by_motion", points, poses)
-        by_normal = self._of_law("elastic_by_normal", points, poses, self.anchors)
-        followed = np.einsum("snij,sni->snj", by_motion, slope)
-        return (
-            (slope - followed).sum(axis=0),
-            -np.einsum("snij,sni->snj", by_normal, slope),
-            followed @ turns,
-        )
+        return np.einsum("snij,sni->snj", by_normal, adjoint)
 
     def _of_law(
         self, quantity: str, points: Floats, poses: Floats, anchors: Floats | None = None
@@ -208,9 +186,6 @@ class Coulomb:
     ratio: float | Floats = 1.0
     easy: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
-    def __post_init__(self) -> None:
-        require_positive(slip=self.slip)
-
     def at(self, normal: Floats, motion: Floats) -> FrictionAt:
         """Return the friction of normal forces N in N and motions u in m, both (n, 3)."""
         return FrictionAt(self, normal, motion)
@@ -278,17 +253,6 @@ class FrictionAt:
         It has the friction of the whole motion. Without a normal force it is zero.
         """
         return np.asarray((self._kept[0] * (self._size > 0))[:, None] * self._tangential)
-
-    def elastic_by_motion(self) -> Floats:
-        """Return the derivative of `elastic` by the motion, (n, 3, 3)."""
-        kept, change = self._kept
-        parts = _times(kept, self._plane) + _times(change, _outer(self._tangential, self._along))
-        return _times(self._size > 0, parts)
-
-    def elastic_by_normal(self) -> Floats:
-        """Return the derivative of `elastic` by N in m/N, (n, 3, 3)."""
-        inverse = np.divide(1.0, self._size, out=np.zeros_like(self._size), where=self._size > 0)
-        return _times(-inverse, self._turned(*self._kept))
 
     def _turned(self, factor: Floats, change: Floats) -> Floats:
         """Return what factor(g) P u loses where N turns, times |N|."""

@@ -9,7 +9,6 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import checked_floats, require_positive, unit_vector
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.meshes.surfaces.files import read_surface
@@ -32,7 +31,6 @@ def rigid_sphere(
     radius: float,
     centre: Sequence[float] | Floats = (0.0, 0.0, 0.0),
     *,
-    mass: float | None = None,
     edge_length: float | None = None,
 ) -> RigidBody:
     """Return a sphere, an evenly subdivided icosahedron with the sphere's volume.
@@ -67,7 +65,7 @@ def rigid_sphere(
     points, triangles = _joined(list(points), [triangles] * len(points), 0.1 / count)
     ball = RigidBody(name, points, triangles)
     scale = radius * (4 / 3 * np.pi / ball.volume) ** (1 / 3)
-    return _made(name, scale * points, triangles, centre, mass)
+    return _made(name, scale * points, triangles, centre)
 
 
 def rigid_box(
@@ -75,7 +73,6 @@ def rigid_box(
     size: Sequence[float] | Floats,
     centre: Sequence[float] | Floats = (0.0, 0.0, 0.0),
     *,
-    mass: float | None = None,
     edge_length: float | None = None,
 ) -> RigidBody:
     """Return a box along the axes with given sides; `RigidBody.moved` turns it.
@@ -101,7 +98,7 @@ def rigid_box(
             points.append(face)
             triangles.append(quads[:, ::side])
     whole = _joined(points, triangles, 0.1 / counts.max())
-    return _made(name, whole[0] * sides, whole[1], centre, mass)
+    return _made(name, whole[0] * sides, whole[1], centre)
 
 
 def rigid_cylinder(
@@ -111,7 +108,6 @@ def rigid_cylinder(
     axis: Sequence[float] | Floats = (0.0, 0.0, 1.0),
     centre: Sequence[float] | Floats = (0.0, 0.0, 0.0),
     *,
-    mass: float | None = None,
     edge_length: float | None = None,
 ) -> RigidBody:
     """Return a cylinder with flat ends, a prism with the cylinder's volume, as of `rigid_sphere`.
@@ -148,10 +144,9 @@ def rigid_cylinder(
     aside = np.cross(upright, np.eye(3)[np.argmin(np.abs(upright))])
     aside /= np.linalg.norm(aside)
     frame = np.array([radius * aside, radius * np.cross(upright, aside), length * upright])
-    return _made(name, points @ frame, triangles, centre, mass)
+    return _made(name, points @ frame, triangles, centre)
 
 
-@collective("comm")
 def rigid_mesh(
     comm: MPI.Comm,
     name: str,
@@ -160,7 +155,6 @@ def rigid_mesh(
     scale: float = 1.0,
     component: int | None = None,
     centre: Sequence[float] | Floats | None = None,
-    mass: float | None = None,
 ) -> RigidBody:
     """Return a body from a mesh file of its closed surface, repaired as it is read (collective).
 
@@ -171,24 +165,23 @@ def rigid_mesh(
         scale: Length of the file's unit in m, 1e-3 for mm.
         component: Connected component to read, 0 for the one of largest area. None: the file must
             have a single one.
-        centre: Where its centre of mass shall be; None leaves it as in the file.
-        mass: As of the other bodies.
+        centre: Where its centroid shall be; None leaves it as in the file.
 
     Raises:
-        SurfaceError, UnitError: As of `read_surface` and `RigidBody`.
+        SurfaceError: As of `read_surface` and `RigidBody`.
     """
     surface = read_surface(comm, path, scale, component)
-    body = RigidBody(name, surface.points, surface.triangles, mass)
+    body = RigidBody(name, surface.points, surface.triangles)
     if centre is None:
         return body
-    return _made(name, body.points - body.centre, body.triangles, centre, mass)
+    return _made(name, body.points - body.centre, body.triangles, centre)
 
 
 def _made(
-    name: str, points: Floats, triangles: Ints, centre: Sequence[float] | Floats, mass: float | None
+    name: str, points: Floats, triangles: Ints, centre: Sequence[float] | Floats
 ) -> RigidBody:
     place = checked_floats("centre", centre, "a finite point of three, in m", (3,))
-    return RigidBody(name, points + place, triangles, mass)
+    return RigidBody(name, points + place, triangles)
 
 
 def _sagitta(radius: float) -> float:

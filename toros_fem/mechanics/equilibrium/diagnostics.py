@@ -10,7 +10,6 @@ from petsc4py import PETSc
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.contact.skin_contact import FALLEN
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
 from toros_fem.mechanics.equilibrium.iteration import NO_NUMBER, STAGNATED
 from toros_fem.mechanics.skin.load import Load
@@ -158,12 +157,6 @@ def failure(
     `end` is the last equilibrium, and `tried` the state where the last attempt ended; `once` tells
     that there was one attempt at the full load, without continuation.
     """
-    if end.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL):
-        return (
-            f"A free body falls at {load}: it has moved by more than {FALLEN:g} times the size of "
-            "the skin, and nothing holds it. Put ground or the skin below it, or give it no mass: "
-            "then it is held."
-        )
     why = WHY.get(end.outcome, f"PETSc's SNES ended by reason {end.outcome}")
     why = why.format(max_steps=max_steps)
     bounds = model.composite.stated_bounds

@@ -10,7 +10,6 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import Distributed
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.diagnostics import Condition
@@ -19,7 +18,7 @@ from toros_fem.mechanics.skin.load import Load
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium(Distributed):
+class Equilibrium:
     """Result of a solve; later solves, tangents and reactions need nothing else.
 
     Attributes:
@@ -106,7 +105,6 @@ class Equilibrium(Distributed):
         found["history"] = [asdict(row) for row in self.history]
         found["begin"] = None if self.begin is None else self.begin.tolist()
         found["weight_fraction"] = self.load.weight_fraction
-        found["bodies_fraction"] = self.load.bodies_fraction
         return found
 
 

@@ -136,9 +136,6 @@ class Landing:
             if at.escapes == ESCAPES:
                 return int(Reason.DIVERGED_INNER)
             at.base = self._escape(at.base)
-        contact = at.model.contact
-        if contact is not None and contact.falls(at.base.state):
-            return int(Reason.DIVERGED_DTOL)
         if count >= self._snes.getTolerances()[3]:
             return int(Reason.DIVERGED_MAX_IT)
         return int(Reason.ITERATING)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.mpi import Distributed, dot, largest, norm
+from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import Attempt
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
@@ -36,7 +36,7 @@ SMOOTH_HALVINGS, SMOOTH = 2, 0.35
 
 
 @dataclass(frozen=True, eq=False)
-class PathPoint(Distributed):
+class PathPoint:
     """A stable equilibrium of one density and one load, by its owned unknowns.
 
     Attributes:

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem.base.compat import option_used
-from toros_fem.base.errors import OptionWarning, ParameterError
+from toros_fem.base.errors import ParameterError, TorosWarning
 from toros_fem.base.mpi import warn_together
 
 PREFIX = "toros_"
@@ -97,5 +97,5 @@ def tell_unused(comm: MPI.Comm) -> None:
             comm,
             f"nothing uses the PETSc options {', '.join(unused)}: a misspelling, or an option of "
             "another solver. Options are in docs/reference/petsc_options.md.",
-            OptionWarning,
+            TorosWarning,
         )

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any, Unpack
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import MaterialWarning, ParameterError, UnitWarning
+from toros_fem.base.errors import ParameterError, TorosWarning
 from toros_fem.base.mpi import (
-    collective,
+    on_first_rank,
     together,
     warn_together,
 )
@@ -34,8 +34,7 @@ from toros_fem.mechanics.equilibrium.tangent_solver import TangentSolver
 from toros_fem.mechanics.equilibrium.ways import Search, residual_at, settle, sliding_at
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes.skin import Skin, sew
-from toros_fem.meshes.transfer import OtherMesh
+from toros_fem.meshes.skin import Skin
 
 # Factor on the residual of a saved equilibrium up to which it is the same one.
 SAME_RESIDUAL = 10.0
@@ -61,7 +60,6 @@ class EquilibriumSolver(TangentSolver):
         ParameterError: An argument is of another type, or does not fit the skin.
     """
 
-    @collective("skin.comm")
     def __init__(
         self,
         skin: Skin,
@@ -72,16 +70,14 @@ class EquilibriumSolver(TangentSolver):
         **further: Unpack[Further],
     ) -> None:
         model = make_model(skin, composite, supports, **further)
-        require_kind("options", options, (NewtonOptions, type(None)), "NewtonOptions, or None")
         if log is not None:
             require_callable("log", log, "a function of a Newton step, or None")
         _warn_of_odd_sheets(skin, composite)
-        self.options = options or NewtonOptions()
+        self.options = on_first_rank(skin.comm, lambda: _settings(options))
         super().__init__(model, self.options, log)
         self.log, self.contact, self._further = log, further.get("contact"), further
         self._prescribed = PrescribedDisplacement(model)
 
-    @collective("self.skin.comm", owned=("density", "start", "after", "sliding"))
     def solve(
         self,
         density: Floats,
@@ -119,13 +115,15 @@ class EquilibriumSolver(TangentSolver):
         Raises:
             ParameterError: The start cannot be relaxed into the stretch bounds (of two materials
                 the wider ones), or surfaces overlap or cross there that may touch.
-            OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
+            PatternError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
         comm, model = self.skin.comm, self.model
         given = load_of(load)
         require_flag(raise_on_failure=raise_on_failure, trial=trial)
-        acting, density = given.on(model), model.design.check(density)
+        with together(comm):
+            acting = given.on(model)
+        density = model.design.check(density)
         start = after if start is None else start
         if after is not None and sliding is None:
             sliding = after.sliding
@@ -170,7 +168,6 @@ class EquilibriumSolver(TangentSolver):
         owned = found[self.skin.owned_vertices]
         return owned if model.refusal(model.state_of(owned)) is None else None
 
-    @collective("self.skin.comm", owned=("trial",))
     def finish(self, trial: Equilibrium) -> Equilibrium:
         """Complete a trial: the tolerance of the options, and a stable state (collective).
 
@@ -196,7 +193,6 @@ class EquilibriumSolver(TangentSolver):
         numbers = {**at.numbers(), "first_shift": self._newton.ladder.first}
         return self.model.patch.gather(at.state), numbers
 
-    @collective("self.skin.comm", owned=("density", "numbers"))
     def restore(
         self,
         density: Floats,
@@ -217,7 +213,6 @@ class EquilibriumSolver(TangentSolver):
             pressure=numbers["pressures"],
             poses=numbers["poses"],
             weight_fraction=numbers["weight_fraction"],
-            bodies_fraction=numbers["bodies_fraction"],
         )
         acting, density = given.on(model), model.design.check(density)
         state, read = model.patch.scatter(unknowns), numbers_read(numbers)
@@ -240,7 +235,6 @@ class EquilibriumSolver(TangentSolver):
         self._at = found
         return found
 
-    @collective("self.skin.comm")
     def like(self, **changes: Any) -> EquilibriumSolver:
         """Return another solver, which differs in some arguments of the class (collective)."""
         model = self.model
@@ -254,30 +248,18 @@ class EquilibriumSolver(TangentSolver):
         }
         return EquilibriumSolver(**{**own, **changes})
 
-    @collective("self.skin.comm")
-    def refined(self, finer: OtherMesh, **changes: Any) -> EquilibriumSolver:
-        """Return the solver of the skin with each triangle divided into four (collective).
-
-        Supports and chambers are those of the divided triangles: the middle of an edge is fixed
-        where both its ends are. `changes` are other arguments of the class, in place of these.
-        """
-        chambers, quadratic = self._further.get("chambers"), self._further.get("quadratic")
-        own = {
-            "skin": sew(self.skin.comm, finer.pattern),
-            "chambers": chambers and chambers.refined(finer),
-            "quadratic": None if quadratic is None else quadratic[finer.cell],
-            "log": None,
-        }
-        if changes.get("supports") is None:
-            changes["supports"] = self.model.supports.refined(finer)
-        return self.like(**{**own, **changes})
-
     def _solve(self, search: Search, begin: Floats | None) -> Equilibrium:
         self.forget()
         found = settle(search, begin, self.log)
         if found.complete:
             self._at = found
         return found
+
+
+def _settings(options: NewtonOptions | None) -> NewtonOptions:
+    """Return the options, checked."""
+    require_kind("options", options, (NewtonOptions, type(None)), "NewtonOptions, or None")
+    return options or NewtonOptions()
 
 
 def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
@@ -287,7 +269,7 @@ def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
             skin.comm,
             f"the sheet is {thickness:.3g} m thick and the skin {skin.pattern.size:.3g} m across. "
             "Is the thickness in millimetres? Give it in m: 0.5 mm are 0.5e-3.",
-            UnitWarning,
+            TorosWarning,
         )
     printed, fabric = (
         sheet.membrane_stiffness for sheet in (composite.reinforcement, composite.fabric)
@@ -297,7 +279,7 @@ def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
             skin.comm,
             f"the reinforcement, E h = {printed:.3g} N/m, is softer than the fabric, {fabric:.3g} "
             "N/m: a print would weaken it. Are the two exchanged?",
-            MaterialWarning,
+            TorosWarning,
         )
     if composite.widest_bounds != composite.fabric_bounds:
         warn_together(
@@ -305,5 +287,5 @@ def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
             f"the stretch bounds are {composite.stated_bounds}: fabric with a print on it "
             "stretches no further than without. Give the reinforcement narrower bounds, or none "
             "of its own.",
-            MaterialWarning,
+            TorosWarning,
         )

@@ -315,8 +315,6 @@ def search_equilibrium(search: Search) -> ContinuationResult:
         found = way(search)
         if found is not None:
             return found
-        if way is at_once and search.cold_end.outcome == int(DIVERGED.DIVERGED_DTOL):
-            break
     return search.failure
 
 

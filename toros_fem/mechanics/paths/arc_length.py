@@ -11,7 +11,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.keys import In, Positive, Table, key
-from toros_fem.base.mpi import collective, dot, largest, norm
+from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of
@@ -104,7 +104,6 @@ class _StepError(TorosError):
     """No point was found by one step along the path; the message says why."""
 
 
-@collective("solver.skin.comm", owned=("density", "start"))
 def follow_arc(
     solver: EquilibriumSolver,
     density: Floats,

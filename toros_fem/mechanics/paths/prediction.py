@@ -173,8 +173,8 @@ class Prediction:
 
 
 def _amounts(load: Load) -> Floats:
-    """Return the pressures in Pa, and the fractions of weights."""
-    return np.array([*load.pressures, load.weight, load.weight_of_bodies])
+    """Return the pressures in Pa, and the fraction of the weight."""
+    return np.array([*load.pressures, load.weight])
 
 
 def _on_a_line(one: Load, other: Load) -> bool:

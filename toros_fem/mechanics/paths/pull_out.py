@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import real_numbers, require_kind, shown, unit_vector
 from toros_fem.mechanics.contact.skin_contact import SkinContact
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
@@ -42,7 +42,6 @@ class PullPoint:
     result: Equilibrium
 
 
-@collective("solver.skin.comm", owned=("density", "closed"))
 def pull_out(
     solver: EquilibriumSolver,
     density: Floats,
@@ -60,7 +59,7 @@ def pull_out(
     tells what becomes of all forces. Friction acts from its begin on.
 
     Args:
-        solver: Equilibrium solver with contact; the body is held or moved, without a mass.
+        solver: Equilibrium solver with contact; the body is not free.
         load: What acts, but for the poses of bodies; a number is a pressure in Pa.
         depths: Distances in m by which the body is pulled, ascending from 0.
         direction: Direction of the pull, (3,); its length does not matter.

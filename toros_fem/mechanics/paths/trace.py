@@ -11,7 +11,6 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_callable, require_choice, require_kind, shown
 from toros_fem.measures.metrics import Metric, check_metrics
 from toros_fem.mechanics.equilibrium.continuation import (
@@ -36,7 +35,6 @@ LEAST_INCREMENT = 1 / 100
 MOST_PARTS = 10
 
 
-@collective("solver.skin.comm", owned=("density", "start"))
 def trace(
     solver: EquilibriumSolver,
     density: Floats,
@@ -129,7 +127,6 @@ def _until(path: Iterator[TracePoint], stop: Stop) -> Iterator[TracePoint]:
             return
 
 
-@collective("solver.skin.comm", owned=("density", "start"))
 def follow_pressures(
     solver: EquilibriumSolver,
     density: Floats,

@@ -11,7 +11,6 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_kind, shown
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
@@ -51,7 +50,6 @@ class TracePoint:
         return self.negative_eigenvalues == 0
 
 
-@collective("solver.skin.comm")
 def measured_point(
     solver: EquilibriumSolver, result: Equilibrium, metrics: Sequence[Metric]
 ) -> TracePoint:

@@ -16,10 +16,6 @@ from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.triangles import edge_keys, flat_areas, opposite_edges
 
-# Smallest singular value of the quadratic patch's angles over those of the average. Below it the
-# six vertices nearly lie on a conic and do not determine the curvature; at 0.2 the patch would be
-# five times too stiff. Meshes by gmsh have 0.6 and more; a vertex with three triangles has 0.
-CONIC = 0.2
 # Two layers lie on each other where an angle is so near to 180°, in rad.
 TOUCHING = 1e-6
 # A rest angle beyond this, in rad, may have either sign.
@@ -97,23 +93,16 @@ def find_hinges(
         flap=flap.astype(np.int32),
         has_moment=has_moment,
         mirror=mirror,
-        tensors=hinge_tensors(skin, bending, has_moment | (rotation != 0), poisson),
+        tensors=hinge_tensors(skin, has_moment | (rotation != 0), poisson),
         rest=assembled if shaped else np.zeros_like(assembled),
         rotation=rotation,
         side=_sides(assembled, mirrored) * (not repeats),
     )
 
 
-def hinge_tensors(skin: Skin, bending: Bending, known: Bools, poisson: float) -> Floats:
+def hinge_tensors(skin: Skin, known: Bools, poisson: float) -> Floats:
     """Return `Hinges.tensors` for the flat corners where they are; known edges have an angle."""
-    flat = flat_corners(skin)
-    columns = _average(flat)
-    if bending.curvature == "quadratic":
-        corner = skin.position_space.dofmap.list
-        fitted = _quadratic_angles(flat, unfolded(flat, corner, *skin.neighbours))
-        good = np.linalg.svd(fitted @ columns, compute_uv=False)[:, -1] >= CONIC
-        columns[good] = np.linalg.inv(fitted[good])
-    return _tensors(columns, known, poisson)
+    return _tensors(_average(flat_corners(skin)), known, poisson)
 
 
 def _sides(assembled: Floats, mirrored: Bools) -> Floats:
@@ -180,66 +169,15 @@ def flat_corners(skin: Skin) -> Floats:
     return skin.mesh.geometry.x[: 3 * count].reshape(count, 3, 3)[:, :, :2]
 
 
-def _edge_frames(flat: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Start, unit direction, outward unit normal and length of each edge."""
-    start = np.roll(flat, -1, axis=1)
-    edge = np.roll(flat, -2, axis=1) - start
-    length = np.linalg.norm(edge, axis=2)
-    along = edge / length[:, :, None]
-    normal = np.stack([along[:, :, 1], -along[:, :, 0]], axis=2)
-    inward = np.einsum("cij,cij->ci", flat - start, normal) > 0
-    return start, along, np.where(inward[:, :, None], -normal, normal), length
-
-
 def _average(flat: Floats) -> Floats:
     """Columns Tᵢ = n̄ᵢ n̄ᵢᵀ l̄ᵢ/(2 Ā) of the triangle average, eq. (4), as (xx, yy, 2xy)."""
-    _, _, n, length = _edge_frames(flat)
+    edge = np.roll(flat, -2, axis=1) - np.roll(flat, -1, axis=1)
+    length = np.linalg.norm(edge, axis=2)
+    along = edge / length[:, :, None]
+    n = np.stack([along[:, :, 1], -along[:, :, 0]], axis=2)
     area = np.abs(flat_areas(flat))
     parts = np.stack([n[:, :, 0] ** 2, n[:, :, 1] ** 2, 2 * n[:, :, 0] * n[:, :, 1]], axis=1)
     return np.asarray(parts * (length / (2 * area[:, None]))[:, None, :])
-
-
-def unfolded(flat: Floats, corner: LocalInts, neighbour: LocalInts, opposite: LocalInts) -> Floats:
-    """Flat positions of the flaps, unfolded into the triangle's own chart, (cells, 3, 2).
-
-    Without a neighbour the triangle itself is mirrored.
-    """
-    start, along, normal, length = _edge_frames(flat)
-    itself = neighbour == np.arange(len(flat))[:, None]
-    apex = flat[neighbour, opposite]
-    # The neighbour's own corners at the two ends of the edge.
-    ends = opposite_edges(corner)[:, :, :, None]
-    places = np.argmax(corner[neighbour][:, :, None] == ends, axis=3)
-    a, b = (flat[neighbour, place] for place in np.moveaxis(places, -1, 0))
-    edge = b - a
-    square = np.einsum("cij,cij->ci", edge, edge)
-    fraction = np.einsum("cij,cij->ci", apex - a, edge) / square
-    height = np.abs(edge[:, :, 0] * (apex - a)[:, :, 1] - edge[:, :, 1] * (apex - a)[:, :, 0])
-    height /= np.sqrt(square)
-    own = np.einsum("cij,cij->ci", flat - start, along) / length
-    fraction = np.where(itself, own, fraction)
-    return np.asarray(start + (fraction * length)[:, :, None] * along + height[:, :, None] * normal)
-
-
-def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
-    """Angle at each edge (rows) by curvature (xx, yy, 2xy), for the quadratic through the patch.
-
-    A deflection ½ x·Λ·x lifts the flap off the plane through the three corners; small angles.
-    """
-    start, _, normal, _ = _edge_frames(flat)
-    height = np.einsum("cij,cij->ci", flap - start, normal)
-    edges = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
-    local = np.einsum("cjk,cik->cij", np.linalg.inv(edges), flap - flat[:, :1])
-    weights = np.concatenate([1 - local.sum(axis=2, keepdims=True), local], axis=2)
-
-    def quadratic(at: Floats) -> Floats:
-        x, y = at[:, :, 0], at[:, :, 1]
-        return np.stack([x * x, y * y, x * y], axis=2) / 2
-
-    # About the centroid, so that far from the origin no digits are lost.
-    middle = flat.mean(axis=1, keepdims=True)
-    lift = quadratic(flap - middle) - weights @ quadratic(flat - middle)
-    return np.asarray(lift / height[:, :, None])
 
 
 def _tensors(columns: Floats, known: Bools, poisson: float) -> Floats:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import OrientationError, ParameterError
+from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.validation import checked_floats, real_numbers, require_finite
 from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
@@ -39,7 +39,6 @@ class Load:
             it is; None for all of it.
         poses: Poses of the contact's bodies, (k, 6): translation in m and rotation vector in rad
             from where they were made, not read for free bodies. None leaves them there.
-        bodies_fraction: Fraction of the weight of free bodies that acts; None for all of it.
     """
 
     pressure: Pressure = 0.0
@@ -47,21 +46,19 @@ class Load:
     displacement: Floats | None = None
     weight_fraction: float | None = None
     poses: Floats | None = None
-    bodies_fraction: float | None = None
 
     def on(self, model: SkinModel) -> Load:
         """Return the load with all arrays of a skin, checked; weights that it lacks are 0.
 
         Raises:
-            OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
-            OrientationError: Pressure on a skin that faces inwards.
+            PatternError: Pressure on a skin with free edges that no symmetry plane closes. Pressure
+                on a skin that faces inwards.
         """
         pattern, supports, chambers = model.skin.pattern, model.supports, model.chamber_count
         what = "in Pa, one for all chambers or one for each"
         values = real_numbers("pressure", self.pressure, what)
         weight = 1.0 if self.weight_fraction is None else self.weight_fraction
-        fraction = 1.0 if self.bodies_fraction is None else self.bodies_fraction
-        require_finite(weight_fraction=weight, bodies_fraction=fraction)
+        require_finite(weight_fraction=weight)
         admissible = np.isfinite(values) & (values >= 0)
         if not admissible.all():
             wrong = float(values[~admissible].ravel()[0])
@@ -95,13 +92,11 @@ class Load:
             None if moved is None else moved.copy(),
             0.0 if model.weight is None else float(weight),
             _poses(0 if model.contact is None else len(model.contact.poses), self.poses),
-            float(fraction) if model.free_bodies else 0.0,
         )
 
     def __bool__(self) -> bool:
         moved = self.displacement is not None or self.moves_bodies
-        heavy = self.weight > 0 or self.weight_of_bodies > 0
-        return bool(self.largest > 0 or self.force is not None or heavy or moved)
+        return bool(self.largest > 0 or self.force is not None or self.weight > 0 or moved)
 
     def __str__(self) -> str:
         parts = []
@@ -111,9 +106,8 @@ class Load:
             total = np.linalg.norm(self.force, axis=1).sum()
             parts.append(f"forces of {total:.4g} N in total")
         if self.weight > 0:
-            parts.append(f"{_percent(self.weight)}its own weight")
-        if self.weight_of_bodies > 0:
-            parts.append(f"{_percent(self.weight_of_bodies)}the weight of bodies")
+            share = "" if self.weight == 1 else f"{100 * self.weight:.3g} % of "
+            parts.append(f"{share}its own weight")
         if self.displacement is not None:
             farthest = np.linalg.norm(self.displacement, axis=1).max()
             parts.append(f"supports moved by up to {farthest:.4g} m")
@@ -132,11 +126,6 @@ class Load:
     def weight(self) -> float:
         """Fraction of the skin's own weight, 0 where none is set yet."""
         return self.weight_fraction or 0.0
-
-    @property
-    def weight_of_bodies(self) -> float:
-        """Fraction of the weight of free bodies, 0 where none is set yet."""
-        return self.bodies_fraction or 0.0
 
     @property
     def largest(self) -> float:
@@ -180,7 +169,6 @@ class Load:
             arrays(self.displacement, other.displacement),
             between(self.weight, other.weight),
             arrays(self.poses, other.poses),
-            between(self.weight_of_bodies, other.weight_of_bodies),
         )
 
 
@@ -199,7 +187,7 @@ def _require_outwards(pattern: Pattern, planes: Planes) -> None:
     a, b, c = np.moveaxis(pattern.points[pattern.triangles] - planes.origin, 1, 0)
     volume = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
     if volume < -INWARDS * float(surface_areas(pattern.points, pattern.triangles).sum()) ** 1.5:
-        raise OrientationError(
+        raise PatternError(
             f"the skin faces inwards: as assembled, its volume is {volume:.3g} m³, so that a "
             "pressure would turn it inside out. Reverse its triangles: swap two corners of each."
         )
@@ -217,7 +205,3 @@ def _poses(bodies: int, poses: Floats | None) -> Floats | None:
 
 def _zero(values: Floats | None) -> Floats:
     return np.zeros(1) if values is None else np.asarray(values, dtype=np.float64)
-
-
-def _percent(fraction: float) -> str:
-    return "" if fraction == 1 else f"{100 * fraction:.3g} % of "

@@ -186,7 +186,7 @@ class Bend(Term):
             skin.mesh.topology.create_entities(1)
             self.unknowns = _rotations(skin, self.hinges)
         self.edges = _coefficients(skin, self.hinges, rotations=rotations)
-        self._skin, self._bending, self._poisson = skin, bending, poisson
+        self._skin, self._poisson = skin, poisson
         sheets = ((composite.fabric, 0.0), (composite.reinforcement, composite.eccentricity))
         moments = [m.thickness**3 / 12 + offset**2 * m.thickness for m, offset in sheets]
         self.symbols = self._mu, self._lam = lame_constants(skin, composite, moments)
@@ -199,7 +199,7 @@ class Bend(Term):
     def after_move(self) -> None:
         assert self.edges is not None
         known = self.hinges.has_moment | (self.hinges.rotation != 0)
-        tensors = hinge_tensors(self._skin, self._bending, known, self._poisson)
+        tensors = hinge_tensors(self._skin, known, self._poisson)
         for i, function in enumerate(self.edges.tensors):
             set_cells(function, tensors[:, i])
 

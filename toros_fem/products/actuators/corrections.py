@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import collective, free_dropped, on_first_rank
+from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.base.validation import require_callable, require_count, require_kind
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
@@ -29,7 +29,6 @@ ROUNDS, STEPS, MOVE = 4, 20, 0.05
 GOOD = 0.25
 
 
-@collective("result.problem.comm", owned=("callback", "journal"))
 def corrected(
     result: DesignResult,
     printed: PrintedDesign,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
@@ -15,7 +14,6 @@ from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
 from toros_fem.making.as_printed.free_islands import polished
-from toros_fem.making.as_printed.print_spread import print_spread
 from toros_fem.products.actuators.corrections import corrected
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.trim import worst_of_print
@@ -148,18 +146,6 @@ class DensityDesigner(Job):
         return *found, rounds
 
 
-def robust_figures(result: DesignResult, printed: PrintedDesign) -> dict[str, Any] | None:
-    """Return figures of a robust design and of its print with other widths; None of another."""
-    final, problem = result.final, problem_of(result)
-    if problem.robust is None or final.spread is None:
-        return None
-    metrics = [problem.metrics_of(variant) for variant in final.variants]
-    figures = problem.robust.figures(final.spread, metrics)
-    spread = print_spread(printed, problem.robust.tolerance.offset)
-    both = (None, None) if spread is None else spread.metrics
-    return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
-
-
 def other_ways(
     options: Sequence[DesignOptions], seed: int, beta: float
 ) -> Iterator[tuple[str, tuple[DesignOptions, ...], int]]:
@@ -169,7 +155,7 @@ def other_ways(
     if not last.constrained:
         return
     softer = replace(last, iterations=2 * last.iterations, tighten=math.sqrt(last.tighten))
-    sharper = Stage(max(1, last.iterations // 3), beta=2 * beta, robust=False), last
+    sharper = Stage(max(1, last.iterations // 3), beta=2 * beta), last
     yield "softer constraints", (replace(first, stages=(*free, softer)), *finer), seed
     yield "a sharper projection first", (replace(first, stages=(*free, *sharper)), *finer), seed
     yield "another seed", tuple(options), seed + ANOTHER_SEED

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from toros_fem.base.errors import NoEquilibriumError, PanelError, TorosError
 from toros_fem.base.files import guarded, if_possible
-from toros_fem.base.mpi import Distributed, collective, free_dropped, on_first_rank
+from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import DesignOptions
@@ -33,7 +33,6 @@ from toros_fem.products.actuators.densities import (
     DensityDesigner,
     other_ways,
     problem_of,
-    robust_figures,
 )
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import (
@@ -66,9 +65,8 @@ AGAIN, AGAIN_IF_OPEN = 0.5, 0.25
 FINER, MOST = 2.0, 100_000
 
 
-@collective("comm", owned=("journal",))
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Designer(Distributed, DensityDesigner):
+class Designer(DensityDesigner):
     """The design of an actuator, from start to files; all methods are collective.
 
     Attributes:
@@ -162,7 +160,7 @@ class Designer(Distributed, DensityDesigner):
             result, printed, rounds = self.corrected(*made)
         if self.source is None and problem_of(result).fields.centre is not None:
             search = replace(search, start="pattern")
-        search = replace(search, rounds=rounds, robust=robust_figures(result, printed))
+        search = replace(search, rounds=rounds)
         return self._found(result, printed, search)
 
     def _tried_otherwise(
@@ -212,7 +210,6 @@ class Designer(Distributed, DensityDesigner):
             scene.design.seed,
             "relaxed",
             len(found.rounds) - 1,
-            robust=None if better is None else robust_figures(*better),
             lines=found,
             densities_kept=better is not None,
         )

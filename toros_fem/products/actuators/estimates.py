@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError, PatternError, TorosError
-from toros_fem.base.mpi import collective, free_dropped
+from toros_fem.base.mpi import free_dropped
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import Evaluation
@@ -153,7 +153,6 @@ def metric_errors(
     return MetricErrors(found, intervals, shape, failure, seconds)
 
 
-@collective("printed.evaluation.problem.comm")
 def print_intervals(printed: PrintedDesign, coarser: Mapping[float, Case]) -> dict[str, float]:
     """Return half-widths of the intervals of a print's figures, from coarser meshes (collective).
 

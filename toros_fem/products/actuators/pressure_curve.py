@@ -15,7 +15,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, write_table
-from toros_fem.base.mpi import collective, largest
+from toros_fem.base.mpi import largest
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
@@ -79,7 +79,6 @@ class CurveFigures:
         return NOT_FROM_REST if self.points and self.joins_rest is None else None
 
 
-@collective("problem.comm")
 def trace_pressure_curve(
     problem: ShapeProblem,
     made: Evaluation[Equilibrium],
@@ -212,7 +211,6 @@ def _pressures(
     return lower, [float(p) for p in grid if p > (1 + SAME) * design]
 
 
-@collective("comm", owned=("printed", "measured"))
 def write_curve(
     comm: MPI.Comm,
     folder: Path,

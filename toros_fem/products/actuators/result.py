@@ -26,7 +26,6 @@ class Searched:
         rounds: How often it was asked again for what its print missed.
         tried: Ways that were tried because printable lines had lost the shape, one after the other.
         starts: Objective of each start by seed, infinite without an equilibrium; None of one start.
-        robust: Figures of a robust design; None of another.
         lines: The lines that it was made of; None of densities.
         densities_kept: Whether densities that began with these lines were better.
     """
@@ -35,7 +34,6 @@ class Searched:
     start: str
     rounds: int
     starts: Mapping[int, float] | None = None
-    robust: Mapping[str, Any] | None = None
     lines: Discovery | None = None
     densities_kept: bool = False
     tried: tuple[str, ...] = ()
@@ -55,8 +53,6 @@ class Searched:
             }
         if self.tried:
             found["tried"] = list(self.tried)
-        if self.robust is not None:
-            found["robust"] = dict(self.robust)
         if self.lines is not None:
             found |= {**self.lines.figures(), "densities_kept": self.densities_kept}
         return found

@@ -124,13 +124,6 @@ class MeshedScene(Scene):
                     "starts",
                 )
             _ = self.line_options  # wrong widths are told before the design, not after it
-            if self.design.width_tolerance is not None and not self.lines.density_iterations:
-                raise ParameterError(
-                    f"width_tolerance = {self.design.width_tolerance} m would not count: lines "
-                    "that are laid have their widths given. Set density_iterations, or "
-                    "start = 'random'.",
-                    "width_tolerance",
-                )
 
     @property
     def edge_length(self) -> float | None:
@@ -425,7 +418,8 @@ class ActuatorScene(MeshedScene):
                 cannot be written to, or a file does not fit.
         """
         given = files or {}
-        scene, source = self.with_files(comm, given), given.get("start_from")
+        scene = self.of_first_rank(comm).with_files(comm, given)
+        source = given.get("start_from")
         scene.require_trial()
         designer = Designer(
             comm=comm,
@@ -488,12 +482,13 @@ class ActuatorScene(MeshedScene):
 
         Raises:
             ParameterError: The pressure is 0, or a number is out of its bounds.
-            PatternFileError: The pattern cannot be read.
+            FileError: The pattern cannot be read.
             PanelError: It is that of another skin.
             EquilibriumError: There is no equilibrium at the first pressure.
         """
         given = files or {}
-        job = Job(comm, self.with_files(comm, given), verbose=verbose)
+        scene = self.of_first_rank(comm).with_files(comm, given)
+        job = Job(comm, scene, verbose=verbose)
         return simulate_actuator(job, output, given.get("pattern"))
 
     def expected_cost(self, comm: MPI.Comm, *, probing: bool, from_print: bool = False) -> Cost:

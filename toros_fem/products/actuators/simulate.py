@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, PanelError, ParameterError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.making.print.print_file import NAME as PRINT
 from toros_fem.making.print.print_file import read_print_polygons
@@ -82,7 +82,6 @@ class SimulationResult(PathResult):
         return f"{super().description()}, {what}{ended}"
 
 
-@collective("job.comm")
 def simulate_actuator(
     job: Job, output: Path | str, pattern: Path | str | None = None
 ) -> SimulationResult:

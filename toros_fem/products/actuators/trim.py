@@ -9,7 +9,6 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_between, require_kind
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -28,7 +27,6 @@ ENOUGH, ROUNDS, PROMISING = 0.25, 3, 0.9
 SAMPLES = 61
 
 
-@collective("printed.evaluation.problem.comm")
 def trimmed(
     printed: PrintedDesign,
     share: float = SHARE,
@@ -95,7 +93,6 @@ def trimmed(
     return replace(printed, evaluation=made)
 
 
-@collective("printed.evaluation.problem.comm")
 def worst_of_print(printed: PrintedDesign, tolerances: Tolerances = DEFAULT) -> float:
     """Return the largest distance of a figure of a print from its target, over its tolerance.
 

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import MeasurementError, ParameterError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.errors import FileError, ParameterError
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Material
 from toros_fem.products.fitting.intervals import bootstrap_draws, hessian_draws
@@ -34,7 +34,6 @@ from toros_fem.products.options import FitOptions
 MOST_ROUNDS, SAME = 8, 1e-3
 
 
-@collective("strip.comm")
 def fit_material(
     tests: Sequence[TensileTest],
     options: FitOptions | None = None,
@@ -61,7 +60,7 @@ def fit_material(
 
     Raises:
         NoEquilibriumError: The simulated strip has no equilibrium.
-        MeasurementError: There is no test, a test has too few points, thicknesses differ, or
+        FileError: There is no test, a test has too few points, thicknesses differ, or
             directions are not those of one fabric.
     """
     options = FitOptions() if options is None else options
@@ -115,7 +114,7 @@ class _Fit:
             if change <= SAME:
                 found = partial(self.result, curve, solution, rounds)
                 return on_first_rank(strip.comm, found)
-        raise MeasurementError(
+        raise FileError(
             f"after {MOST_ROUNDS} rounds fit and simulated strip still differ by {change:.1%} of "
             "the largest stress. Fit fewer data by up_to."
         )

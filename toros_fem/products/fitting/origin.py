@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import MeasurementError
+from toros_fem.base.errors import FileError
 from toros_fem.products.fitting.parameters import LARGEST_POISSON, NEAREST, lame
 from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
 from toros_fem.products.fitting.uniaxial import Coefficients, lateral_strain, pulling_stress
@@ -94,7 +94,7 @@ def from_rest(test: TensileTest, options: FitOptions) -> Begun:
     """Return the branch of a test that is fitted, from its rest to its largest force.
 
     Raises:
-        MeasurementError: It has no such branch, or it begins with a force that may be a preload or
+        FileError: It has no such branch, or it begins with a force that may be a preload or
             an offset, and `options.offset` does not tell which.
     """
     later = test.begins(options.branch) > 0
@@ -223,7 +223,7 @@ def _without_idle(
     refused = at_zero > REFUSE * reach and start.level > CERTAIN * start.level_error
     refused |= hidden and min(at_zero, -found.strain) > 2 * REFUSE * reach
     if refused and options.offset == "ask":
-        raise MeasurementError(
+        raise FileError(
             f"specimen {test.specimen!r}: at a strain of 0 the force is "
             f"{start.level:.3g} N/m over the width, {start.level / top:.2g} of the largest. Either "
             "the strip was preloaded when the strain was set to 0, or the cell was not tared. Tell "

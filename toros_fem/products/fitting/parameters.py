@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import MeasurementError
+from toros_fem.base.errors import FileError
 from toros_fem.products.fitting.samples import Samples
 from toros_fem.products.fitting.uniaxial import Coefficients
 
@@ -104,12 +104,12 @@ def scales_of(samples: Samples) -> Scales:
     """Return the scales of the fit's parameters, and which of two directions is the stiffer.
 
     Raises:
-        MeasurementError: The directions are not those of one fabric, or no stress is tension.
+        FileError: The directions are not those of one fabric, or no stress is tension.
     """
     found = sorted(set(samples.direction))
     if len(found) > 1 and not any(set(found) == set(pair) for pair in PAIRS):
         pairs = "; ".join(" and ".join(pair) for pair in PAIRS)
-        raise MeasurementError(
+        raise FileError(
             f"the tests have the directions {', '.join(map(repr, found))}. Two are fitted together "
             f"if they are perpendicular, named {pairs}. Name them so, or fit one by --direction."
         )
@@ -121,7 +121,7 @@ def scales_of(samples: Samples) -> Scales:
         rows = samples.along(name) & (x <= common)
         secants[name] = float(x[rows] @ samples.stress[rows]) / float(x[rows] @ x[rows])
     if not min(secants.values()) > 0:
-        raise MeasurementError(
+        raise FileError(
             "the stresses fall with the stretch: is the sign of the force that of tension?"
         )
     largest = float(x.max())

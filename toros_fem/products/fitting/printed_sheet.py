@@ -18,7 +18,7 @@ from dolfinx import fem
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.compiled_forms import assembled, compiled, work_vector
-from toros_fem.base.errors import MaterialWarning
+from toros_fem.base.errors import TorosWarning
 from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.model import SkinModel, make_model
@@ -78,7 +78,7 @@ class PrintedSheet:
     def _machine(self, factors: Floats) -> PullMachine:
         composite = scaled(self.composite, factors)
         with warnings.catch_warnings():  # a search may pass moduli that are odd
-            warnings.simplefilter("ignore", MaterialWarning)
+            warnings.simplefilter("ignore", TorosWarning)
             return PullMachine(
                 self.skin, composite, self.axis, self.gauge, self.options, quadratic=self.quadratic
             )

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.base.toml_files.document import read_text
 from toros_fem.base.units import read_quantity
 from toros_fem.base.validation import require_kind, require_positive, shown
@@ -110,7 +110,7 @@ def read_tensile_tests(
         One test for each specimen and direction of each file.
 
     Raises:
-        MeasurementError: A file cannot be read, a line is wrong, or something is missing.
+        FileError: A file cannot be read, a line is wrong, or something is missing.
     """
     require_kind("given", given, (Given, type(None)), "a Given, or None")
     require_kind("paths", paths, (list, tuple), "a list of files")
@@ -119,7 +119,7 @@ def read_tensile_tests(
     given = given or Given()
     found = [test for path in paths for test in _tests(Path(path), given)]
     if not found:
-        raise MeasurementError("no file of a test is given.")
+        raise FileError("no file of a test is given.")
     return found
 
 
@@ -180,7 +180,7 @@ def _at(path: Path, line: int) -> Iterator[None]:
         yield
     except (ParameterError, csv.Error) as error:
         what = f"the line cannot be split: {error}." if isinstance(error, csv.Error) else error
-        raise MeasurementError(f"{path}, line {line}: {what}", path, line) from None
+        raise FileError(f"{path}, line {line}: {what}", path, line) from None
 
 
 def _decoded(content: bytes) -> str:
@@ -198,14 +198,14 @@ def _decoded(content: bytes) -> str:
 
 def _tables(path: Path, given: Given) -> Iterator[_Table]:
     """Yield the tables of a file, one below the other or side by side."""
-    text = read_text(path, "a table of a tensile test", MeasurementError, "table", _decoded)
+    text = read_text(path, "a table of a tensile test", FileError, "table", _decoded)
     lines = {k: line for k, line in enumerate(re.split("[\r\n]", text), start=1) if line.strip()}
     marks = MARKS
     if lines and (match := re.fullmatch(r'"?sep=(.)"?', lines[first := min(lines)].strip(), re.I)):
         marks = match[1]
         del lines[first]
     if all(line.lstrip().startswith("#") for line in lines.values()):
-        raise MeasurementError(f"{path}: there is no table: no line but comments.", path)
+        raise FileError(f"{path}: there is no table: no line but comments.", path)
     begin, mark = _header(lines, marks, given) or _likely_header(lines, marks)
     while True:
         header = _heading(path, lines, begin, mark)
@@ -339,7 +339,7 @@ def _said_above(
                     try:
                         found[kind] = _size(kind, value)
                     except ParameterError as error:  # it may not be needed
-                        found[kind] = MeasurementError(f"{path}, line {k}: {error}", path, k)
+                        found[kind] = FileError(f"{path}, line {k}: {error}", path, k)
     return found
 
 
@@ -511,8 +511,8 @@ def _point(row: Mapping[str, Any], columns: Mapping[int, Column]) -> _Point:
         )
 
     def size(kind: str) -> float:
-        found: float | MeasurementError = row[kind]
-        if isinstance(found, MeasurementError):
+        found: float | FileError = row[kind]
+        if isinstance(found, FileError):
             raise found
         least, largest = SPECIMENS[kind]
         if not least <= found <= largest:

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import MeasurementError
+from toros_fem.base.errors import FileError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
-from toros_fem.base.mpi import collective
 from toros_fem.materials.library.material import LENGTHS, LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
 
@@ -43,7 +42,6 @@ def _quality(result: Fit, lacking: str) -> str:
     return f"R² of the stress {result.r2_stress:.4f}, of the lateral stretch {lateral}"
 
 
-@collective("comm", owned=("result",))
 def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
     """Write fit.json, fit.txt, fit.csv and fit.png into a folder (collective).
 
@@ -130,11 +128,11 @@ def library_entry(
         source: Where the tests come from; None for their specimens.
 
     Raises:
-        MeasurementError: No stretch is to be trusted.
+        FileError: No stretch is to be trusted.
         ParameterError: Name, title or source are refused by the library.
     """
     if not result.trusted_to > 1:
-        raise MeasurementError(
+        raise FileError(
             "the fit is to be trusted nowhere: its mean residuals exceed 10 % from the start. Fit "
             "fewer data by --up-to, or one direction by --direction."
         )

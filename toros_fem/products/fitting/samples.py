@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.base.validation import require_kind
 from toros_fem.products.fitting.robust_fit import Model, Problem
 from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
@@ -83,7 +83,7 @@ def samples_of(
 
     Raises:
         ParameterError: There is no list of tests.
-        MeasurementError: A test has too few points above a stretch of 1.
+        FileError: A test has too few points above a stretch of 1.
     """
     tests = checked_tests(tests)
     curves = [
@@ -105,7 +105,7 @@ def _thinned(test: TensileTest, branch: TensileTest, options: FitOptions) -> Flo
     top = np.inf if options.up_to is None else options.up_to
     rows = np.flatnonzero((branch.stretch > 1) & (branch.stretch <= top))
     if len(rows) < FEWEST:
-        raise MeasurementError(
+        raise FileError(
             f"specimen {test.specimen!r} has {len(rows)} points with a stretch above 1"
             + ("" if options.up_to is None else f" and up to {top:g}")
             + f" on the branch {options.branch!r}; at least {FEWEST} are needed."

@@ -10,8 +10,8 @@ from mpi4py import MPI
 from scipy.interpolate import make_interp_spline
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import MeasurementError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.errors import FileError
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.skin import sew
@@ -57,7 +57,6 @@ class SheetFit(Fit):
         ]
 
 
-@collective("comm")
 def fit_printed_sheet(
     comm: MPI.Comm,
     tests: Sequence[TensileTest],
@@ -84,7 +83,7 @@ def fit_printed_sheet(
 
     Raises:
         ParameterError: There is no test.
-        MeasurementError: A test is along another direction, or has too few points.
+        FileError: A test is along another direction, or has too few points.
         NoEquilibriumError: The sheet has no equilibrium at one of the strains.
     """
     options = FitOptions() if options is None else options
@@ -117,7 +116,7 @@ def _samples(tests: Sequence[TensileTest], options: FitOptions) -> Samples:
     samples = samples_of(tests, options)
     for specimen, direction in zip(samples.specimen, samples.direction, strict=True):
         if direction not in DIRECTIONS:
-            raise MeasurementError(
+            raise FileError(
                 f"specimen {specimen!r} was pulled along {direction!r}: a sheet of tiles is pulled "
                 "along 'x' or 'y' of the tile. Name the direction so."
             )

@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective, require_comm
+from toros_fem.base.mpi import require_comm
 from toros_fem.base.validation import require_count, require_positive
 from toros_fem.materials.sheet import Composite, Knit, Material
 from toros_fem.meshes.makers.sheets import rectangle
@@ -22,7 +22,6 @@ from toros_fem.products.tiles.pull_test import PullMachine
 PARTS = (0.03, 0.15, 0.3, 0.45, 0.6, 0.75, 0.88, 1.0)
 
 
-@collective("comm")
 @dataclass(frozen=True)
 class ClampedStrip:
     """A strip between clamps that hold its width; the stretch is that of their distance.
@@ -57,7 +56,6 @@ class ClampedStrip:
                 f"a strip of {self.length:g} m × {self.width:g} m is no strip: are both in m?"
             )
 
-    @collective("self.comm")
     def correction(
         self,
         material: Material,

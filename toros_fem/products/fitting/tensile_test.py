@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.base.validation import checked_floats, require_choice, require_positive
 from toros_fem.products.options import BRANCHES
 
@@ -91,7 +91,7 @@ class TensileTest:
         """Return the points of one of `BRANCHES` of the load cycles; "all" takes every point.
 
         Raises:
-            MeasurementError: There is no such branch, or it has fewer than 5 points.
+            FileError: There is no such branch, or it has fewer than 5 points.
         """
         require_choice("branch", which, BRANCHES)
         if which == "all":
@@ -100,7 +100,7 @@ class TensileTest:
         rows = np.arange(begin, end + 1)
         if len(rows) < FEWEST:
             kind = "unloading" if which == "last-unloading" else "loading"
-            raise MeasurementError(
+            raise FileError(
                 f"specimen {self.specimen!r}: the stretch has no branch of {kind}, or one of "
                 f"{len(rows)} points; at least {FEWEST} are needed. Take another branch: "
                 f"{', '.join(BRANCHES)}."

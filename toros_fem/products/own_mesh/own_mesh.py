@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import OpenSkinError, ParameterError, SurfaceError, TargetError
+from toros_fem.base.errors import ParameterError, PatternError, SurfaceError
 from toros_fem.base.keys import Count, Distance, In, Length, OneOf, Place, Table, key
 from toros_fem.base.scene import NO_TABLE
 from toros_fem.design.loop.case import Case
@@ -545,7 +545,7 @@ def read_skin(
         return OwnSkin(pattern, goal, axes)
     surface, found = scene.skin.surface(comm, mesh), []
     if not surface.closed:
-        raise OpenSkinError(
+        raise PatternError(
             f"{mesh} is open, and a pressure needs a closed skin: {holes(surface)}. "
             f"{gap_hint(surface.points, surface.triangles) or 'Fill the holes. '}"
             "If flat panels are still to be sewn, sew them in Python (meshes.sew)."
@@ -554,7 +554,7 @@ def read_skin(
     for axis in range(3) if symmetry == "auto" else axes:
         try:
             scene.require_symmetric(surface, goal, axis)
-        except (ParameterError, SurfaceError, TargetError) as error:
+        except (ParameterError, SurfaceError) as error:
             if symmetry != "auto":
                 raise
             log.info("not cut at %s = 0: %s", "xyz"[axis], error)

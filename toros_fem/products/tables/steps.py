@@ -24,7 +24,6 @@ from toros_fem.design.density.perimeter import SHARPNESS
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.regularisation import POWER, Regularisation
-from toros_fem.design.loop.robust import SPREAD_WEIGHT, WidthTolerance
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.making.print.printability import PrintLimits
 
@@ -125,25 +124,14 @@ class Stepping(Table):
 class Designing(Filtering, Stepping):
     """Steps, filter and start of the design."""
 
-    width_tolerance: Length | None = key(
-        None,
-        "difference of printed widths from the drawn ones, either way, that the design is made "
-        "robust against: each border moves by half of it; none leaves this out",
-    )
-    spread_weight: Positive = key(
-        SPREAD_WEIGHT,
-        "weight of the spread over these widths in the objective, where there is a tolerance",
-    )
-
     NEEDS: ClassVar[Mapping[str, Need]] = {
         **Filtering.NEEDS,
-        "spread_weight": ("width_tolerance", ()),
         **dict.fromkeys(("levels", "iterations"), ("start", ("random",))),
     }
 
     @property
     def regularisation(self) -> Regularisation:
-        """Filter, projection, widths, perimeter and tolerance on the finest mesh."""
+        """Filter, projection, widths and perimeter on the finest mesh."""
         return Regularisation(
             self.filter_radius,
             self.filter,
@@ -152,7 +140,6 @@ class Designing(Filtering, Stepping):
             self.perimeter_weight,
             self.perimeter_window * self.filter_radius,
             self.perimeter_sharpness,
-            self.robust_against,
         )
 
     @property
@@ -163,22 +150,13 @@ class Designing(Filtering, Stepping):
         return LengthScale(line_width=self.line_width, gap_width=self.gap_width)
 
     @property
-    def robust_against(self) -> WidthTolerance | None:
-        """Widths that the design is made robust against; None without a tolerance."""
-        if self.width_tolerance is None:
-            return None
-        return WidthTolerance(self.width_tolerance, self.spread_weight)
-
-    @property
     def first_options(self) -> DesignOptions:
         """Options of the design loop on the coarsest mesh.
 
-        It is first designed freely, then with constraints on the widths, and from then on robust
-        against widths that are off: before, this ends in traps.
+        It is first designed freely, then with constraints on the widths.
         """
-        constrained = self.constrained_iterations > 0
-        stages = [Stage(self.iterations, robust=not constrained)]
-        if constrained:
+        stages = [Stage(self.iterations)]
+        if self.constrained_iterations:
             stages.append(Stage(self.constrained_iterations, constrained=True))
         return DesignOptions(
             tuple(stages),

@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import Distributed, collective, together
+from toros_fem.base.mpi import together
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import cleaned_print
 from toros_fem.materials.sheet import Bending
@@ -49,7 +49,7 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class TileResult(Distributed):
+class TileResult:
     """A design of a tile and its print.
 
     Attributes:
@@ -101,7 +101,6 @@ class TileResult(Distributed):
         return 0.0 if goal is None else goal.largest_deviation(profile)
 
 
-@collective("case.comm")
 def simulated_print(
     case: TileCase, config: TileDesignScene, problem: TileProblem, result: DesignResult
 ) -> TileResult:

@@ -11,7 +11,6 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.keys import Count, In, Number, Positive, Table, key
-from toros_fem.base.mpi import collective
 from toros_fem.base.scene import Scene
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
@@ -92,7 +91,6 @@ class TileDesignScene(Scene):
     print: Printer = Printer(island_area=0.1e-6)
 
 
-@collective("comm")
 @dataclass(frozen=True, eq=False)
 class TileCase:
     """A tile and its target.
@@ -151,7 +149,6 @@ class TileProblem(DesignProblem[Profile]):
         return {"worst_percent": 100 * self.goal.largest_deviation(response)}
 
 
-@collective("case.comm")
 def tile_problem(
     case: TileCase,
     config: TileDesignScene,

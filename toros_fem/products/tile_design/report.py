@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
-from toros_fem.base.mpi import collective
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
@@ -123,7 +122,6 @@ class TileRun(RunResult):
         )
 
 
-@collective("found.case.comm")
 def write_tile_results(folder: Path | str, found: TileRun) -> None:
     """Write summary, pattern, tile.npz, fields and pictures of a design (collective).
 

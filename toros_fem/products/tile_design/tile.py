@@ -157,10 +157,11 @@ class TileScene(TileDesignScene):
         verbose: bool = False,
     ) -> RunResult:
         """Design the tile and write all results into a folder (collective)."""
-        warn_of_doubts(comm, self)
-        reporter, case = DesignReporter(comm, output), tile_case(comm, self)
+        scene = self.of_first_rank(comm)
+        warn_of_doubts(comm, scene)
+        reporter, case = DesignReporter(comm, output), tile_case(comm, scene)
         log = print_step(comm) if verbose else None
-        made = design_tile(case, self, reporter, log, journal_of(output))
+        made = design_tile(case, scene, reporter, log, journal_of(output))
         found = TileRun(made, measure_print(made), dict(reporter.seconds))
         write_tile_results(output, found)
         return found

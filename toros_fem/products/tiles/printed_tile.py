@@ -15,8 +15,8 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Bools, Ints
-from toros_fem.base.errors import ParameterError, TileFileError
-from toros_fem.base.mpi import collective, on_root
+from toros_fem.base.errors import FileError, ParameterError
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_path,
     require_between,
@@ -84,7 +84,6 @@ class PrintedTile:
         """Printed part of its area."""
         return float(self.region.area / np.prod(self.size))
 
-    @collective("comm")
     def tile(self, comm: MPI.Comm) -> tuple[Tile, Bools]:
         """Return the tile, meshed along the print, and whether each triangle is printed, (t,).
 
@@ -110,13 +109,13 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     """Read the printed tile that `write_tile` wrote into a folder (collective).
 
     Raises:
-        TileFileError: There is no such file, it is damaged, or holds no valid tile.
+        FileError: There is no such file, it is damaged, or holds no valid tile.
     """
-    path = checked_path("folder", folder, TileFileError) / NAME
+    path = checked_path("folder", folder, FileError) / NAME
 
     def make(archive: Archive) -> PrintedTile:
         if "printed" in archive.arrays:
-            raise TileFileError("an older version wrote it: it holds triangles, no polygons")
+            raise FileError("an older version wrote it: it holds triangles, no polygons")
         numbers = dict(archive.numbers)
         composite = Composite.of_dict(numbers.pop("composite"))
         size = tuple(numbers.pop("size"))
@@ -124,7 +123,7 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
         return PrintedTile(region, size, composite=composite, **numbers)
 
     remedy = "Give the output folder of demos/tile.py."
-    return read_archive(path, KIND, make, TileFileError, remedy)
+    return read_archive(path, KIND, make, FileError, remedy)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError, PatternError
-from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_positive
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
@@ -110,7 +109,6 @@ class PullMachine:
         PatternError: The skin is not a flat rectangle along x and y.
     """
 
-    @collective("skin.comm")
     def __init__(
         self,
         skin: Skin,
@@ -143,7 +141,6 @@ class PullMachine:
             quadratic=quadratic,
         )  # fmt: skip
 
-    @collective("self.solver.skin.comm", owned=("density",))
     def pull(self, density: Floats, strains: Sequence[float] | Floats) -> PullTest:
         """Pull the sheet from one strain to the next.
 
@@ -153,8 +150,8 @@ class PullMachine:
                 of them 0.
 
         Raises:
-            ParameterError: A strain is 0, −1 or less, or not finite.
-            DensityError: The density does not fit, or leaves [0, 1].
+            ParameterError: A strain is 0, −1 or less, or not finite. The density does not fit, or
+                leaves [0, 1].
             NoEquilibriumError: There is no equilibrium at one of the strains.
         """
         given = np.array(strains, dtype=np.float64)
@@ -176,7 +173,6 @@ class PullMachine:
         contraction = (1 - across) / given
         return PullTest(given, stress, contraction, steps, along - 1, forces, positions)
 
-    @collective("self.solver.skin.comm", owned=("density",))
     def solve(self, density: Floats, strain: float, start: Equilibrium | None) -> Equilibrium:
         """Return the equilibrium at a strain of the clamps' distance."""
         along = np.eye(3)[self.axis]
@@ -206,7 +202,6 @@ def _stretch_weights(pattern: Pattern, axis: int, gauge: float) -> Floats:
     return weights
 
 
-@collective("solver.skin.comm", owned=("density",))
 def predict(
     solver: TileSolver, density: Floats, axis: int, strains: Sequence[float] | Floats
 ) -> PullCurve:
@@ -280,7 +275,6 @@ class PulledSheet:
         ]
 
 
-@collective("comm")
 def pull_sheet(
     comm: MPI.Comm,
     sheet: TileSheet,

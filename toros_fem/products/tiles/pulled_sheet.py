@@ -93,8 +93,9 @@ class TileSheetScene(Scene):
         verbose: bool = False,
     ) -> RunResult:
         """Write the print file, and pull the sheet of the "tile" or `cross_tile` (collective)."""
+        scene = self.of_first_rank(comm)
         begin, folder, given = time.perf_counter(), Path(output), (files or {}).get("tile")
-        pull, factor, edge = self.pull, self.skin.edge_factor, self.skin.edge_length
+        pull, factor, edge = scene.pull, scene.skin.edge_factor, scene.skin.edge_length
         strains = np.asarray(np.linspace(0.0, pull.strain, pull.strain_steps + 1)[1:], np.float64)
         directions = DIRECTIONS if pull.direction == "both" else (pull.direction,)
         design = cross_tile() if given is None else read_tile(comm, given)
@@ -112,7 +113,7 @@ class TileSheetScene(Scene):
         log, composite = print_step(comm) if verbose else None, design.composite
         pulled = [pull_sheet(comm, sheet, printed, composite, strains, log) for sheet in sheets]
         areas = [float(region.area) for region in regions]
-        inputs = {**self.as_dict(), "tile": None if given is None else str(given)}
+        inputs = {**scene.as_dict(), "tile": None if given is None else str(given)}
         seconds = time.perf_counter() - begin
         found = SheetResult(pulled, design.size, design.share, areas, inputs, seconds)
         summary = found.summary()

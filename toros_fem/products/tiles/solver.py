@@ -10,7 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import Distributed, collective, dot
+from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.continuation import (
@@ -33,7 +33,7 @@ FLAT = np.eye(3)[:, :2]
 
 
 @dataclass(frozen=True, eq=False)
-class TileState(Distributed):
+class TileState:
     """A tile in equilibrium at a mean deformation.
 
     Attributes:
@@ -82,7 +82,6 @@ class TileSolver:
             or seams do not fit a tile.
     """
 
-    @collective("skin.comm")
     def __init__(
         self,
         skin: Skin,
@@ -117,7 +116,6 @@ class TileSolver:
         self._last: TileState | None = None
         self._responses: dict[bytes, tuple[Floats, Floats]] = {}
 
-    @collective("self.skin.comm", owned=("density",))
     def solve(
         self,
         density: Floats,
@@ -139,8 +137,8 @@ class TileSolver:
                 first solve fails.
 
         Raises:
-            ParameterError: The gradient does not fit, or `start` has another angle.
-            DensityError: The density does not fit, or leaves [0, 1].
+            ParameterError: The gradient does not fit, or `start` has another angle. The density
+                does not fit, or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium.
         """
         check_density(self.skin, density)

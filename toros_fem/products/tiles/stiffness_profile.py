@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import ParameterError, TargetError
-from toros_fem.base.mpi import Distributed, collective, together
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import together
 from toros_fem.design.loop.physics import Pressure, Residuals, Saved
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL
 from toros_fem.products.tiles.solver import TileSolver, TileState
@@ -21,7 +21,7 @@ ACROSS = np.array([[0.0, 0], [0, 1], [0, 0]])
 
 
 @dataclass(frozen=True, eq=False)
-class Profile(Distributed):
+class Profile:
     """Stress, stiffness and contraction of a tile pulled in several directions, at one strain.
 
     Attributes:
@@ -84,8 +84,6 @@ class ProfileSolver:
     pressures = ()
     pressure_ranges = ()
 
-    @collective("batch")
-    @collective("tile.skin.comm")
     def __init__(
         self,
         tile: TileSolver,
@@ -117,7 +115,6 @@ class ProfileSolver:
         """Communicator that the directions are spread over, or else the tile's."""
         return self.batch if self.batch.size > 1 else self.tile.skin.comm
 
-    @collective("self.comm", owned=("density",))
     def solve(
         self,
         density: Floats,
@@ -135,7 +132,7 @@ class ProfileSolver:
             allow_continuation: As for `TileSolver.solve`.
 
         Raises:
-            DensityError: The density does not fit, or leaves [0, 1].
+            ParameterError: The density does not fit, or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium in one of the directions.
         """
 
@@ -251,8 +248,6 @@ class ProfileSolver:
         )
 
 
-@collective("batch", owned=("density",))
-@collective("tile.skin.comm", owned=("density",))
 def profiles(
     tile: TileSolver,
     density: Floats,
@@ -279,7 +274,7 @@ class ProfileTarget:
         contraction: Targets c*, (k,); None for none.
 
     Raises:
-        TargetError: The arrays do not fit together, a stiffness is not positive, or there is no
+        ParameterError: The arrays do not fit together, a stiffness is not positive, or there is no
             target.
     """
 
@@ -290,18 +285,18 @@ class ProfileTarget:
         given = [a for a in (self.stiffness, self.contraction) if a is not None]
         shapes = {np.shape(a) for a in given}
         if len(shapes) != 1:
-            raise TargetError(
+            raise ParameterError(
                 f"stiffness and contraction have shapes {sorted(shapes)}; give at least one of "
                 "them, each with one value for each direction."
             )
         if np.isnan(given).all():
-            raise TargetError(
+            raise ParameterError(
                 "all stiffnesses and contractions are NaN: there is no target. Give one for at "
                 "least one direction."
             )
         if self.stiffness is not None and np.any(self.stiffness <= 0):
             smallest = float(np.nanmin(self.stiffness))
-            raise TargetError(f"a target stiffness is {smallest:g} N/m; it must be positive.")
+            raise ParameterError(f"a target stiffness is {smallest:g} N/m; it must be positive.")
 
     def forward(self, profile: Profile) -> float:
         """Return T."""
@@ -334,7 +329,7 @@ class ProfileTarget:
         goals = [none if a is None else a for a in (self.stiffness, self.contraction)]
         for given in goals:
             if len(given) != len(none):
-                raise TargetError(
+                raise ParameterError(
                     f"the target has {len(given)} directions, the profile {len(none)}. Give both "
                     "the same directions."
                 )
@@ -351,7 +346,7 @@ class Contrast:
         stiff: Directions of the denominator, (k,).
 
     Raises:
-        TargetError: One of them is empty, or their lengths differ.
+        ParameterError: One of them is empty, or their lengths differ.
     """
 
     soft: Bools
@@ -359,7 +354,7 @@ class Contrast:
 
     def __post_init__(self) -> None:
         if not (self.soft.any() and self.stiff.any()) or self.soft.shape != self.stiff.shape:
-            raise TargetError(
+            raise ParameterError(
                 f"soft = {self.soft} and stiff = {self.stiff} must have the same length, and each "
                 "must select a direction."
             )

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import NoEquilibriumError, NoRunError
+from toros_fem.base.errors import FileError, NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.regions import case_of_print
@@ -38,7 +37,7 @@ def tolerances_of_run(
     that the design has taken, by name. None takes the default tolerances.
 
     Raises:
-        NoRunError: The folder holds no finished design of an actuator.
+        FileError: The folder holds no finished design of an actuator.
         NoEquilibriumError: The print has no equilibrium.
         TorosError: A file cannot be read, or does not fit.
     """
@@ -49,8 +48,6 @@ def tolerances_of_run(
         raise NoEquilibriumError(f"the print has no equilibrium: {failure}")
     scene = scene.with_files(comm, files)
     level = scene.print_level if scene.design.start == "relaxed" else scene.finest_level
-    # A print has no eroded and dilated densities.
-    level = replace(level, regularisation=replace(level.regularisation, width_tolerance=None))
     case = scene.case(comm, level)
     stored = read_print_polygons(comm, folder)
     fine = case_of_print(comm, case, stored.pattern, stored.regions)
@@ -72,12 +69,12 @@ def finished_summary(folder: Path) -> Summary:
     """Return the summary of a finished design (one rank).
 
     Raises:
-        NoRunError: The folder holds none.
+        FileError: The folder holds none.
     """
     found = summary_of(folder)
     if "printed_failure" not in found.entries:
         what = "has no print" if found else "is missing"
-        raise NoRunError(f"{folder / SUMMARY} {what}: give the folder of a finished design.")
+        raise FileError(f"{folder / SUMMARY} {what}: give the folder of a finished design.")
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
@@ -60,7 +60,6 @@ class Drawn:
     own_mesh: Mapping[str, float]
 
 
-@collective("problem.comm")
 def tolerances(
     problem: ShapeDesign, printed: PrintedDesign, config: ToleranceConfig | None = None
 ) -> Tolerances:
@@ -98,7 +97,6 @@ def tolerances(
     return simulated_tolerances(problem, drawn, config)
 
 
-@collective("problem.comm")
 def simulated_tolerances(
     problem: ShapeDesign, drawn: Drawn, config: ToleranceConfig | None = None
 ) -> Tolerances:

@@ -9,14 +9,12 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.base.files import guarded, if_plotting, write_json, write_table
-from toros_fem.base.mpi import collective
 from toros_fem.products.tolerance.result import Tolerances, Variant
 
 FILES = ("tolerance.json", "tolerance.csv", "tolerance.png")
 LESS = "#7FA6C9"
 
 
-@collective("comm", owned=("found",))
 def write_tolerances(comm: MPI.Comm, folder: Path | str, found: Tolerances) -> None:
     """Write tolerance.json, tolerance.csv and tolerance.png into a folder (collective).
 

@@ -121,21 +121,22 @@ class InflateScene(Scene):
         verbose: bool = False,
     ) -> InflationResult:
         """Inflate the tube and write curve, fields and pictures; it takes no files (collective)."""
-        begin, planes = time.perf_counter(), self.planes
-        solver, density = self.solver(comm, verbose=verbose)
+        scene = self.of_first_rank(comm)
+        begin, planes = time.perf_counter(), scene.planes
+        solver, density = scene.solver(comm, verbose=verbose)
         owned, pattern = density[solver.skin.owned_cells], solver.skin.pattern
         metrics = [metric.of_whole(planes) for metric in METRICS]
-        path = trace(solver, owned, [*map(float, self.pressures)], metrics)
+        path = trace(solver, owned, [*map(float, scene.pressures)], metrics)
         found = InflationResult(
             pattern,
-            list(with_progress(comm, path, len(self.pressures), "pressure")),
+            list(with_progress(comm, path, len(scene.pressures), "pressure")),
             density,
             METRICS,
             mirrored(pattern, planes),
-            self.material.composite,
-            self,
+            scene.material.composite,
+            scene,
             {"total": time.perf_counter() - begin},
-            saturation=self.pressure.pressure,
+            saturation=scene.pressure.pressure,
         )
         write_pressure_path(comm, output, found)
         write_summary(comm, output, found)

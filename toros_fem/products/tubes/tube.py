@@ -12,7 +12,6 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Length, OneOf, Table, key
-from toros_fem.base.mpi import collective
 from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Bending
 from toros_fem.measures.cross_sections import label_cross_sections
@@ -53,7 +52,6 @@ class Tube(Table):
         "unstructured", "mesh of the wall"
     )
 
-    @collective("comm")
     def pattern(self, comm: MPI.Comm, edge: float, planes: tuple[int, ...]) -> Pattern:
         """Return the tube with edges of a length in m, cut at planes (collective)."""
         return cylinder(comm, self.length, self.diameter, edge, mesh=self.mesh, planes=planes)
@@ -132,8 +130,8 @@ class TubeScene(ActuatorScene):
                 Objective and metrics are those of the whole tube.
 
         Raises:
-            ParameterError: A size is too large for the tube, or the knit is not symmetric.
-            TargetError: The target is not symmetric.
+            ParameterError: A size is too large for the tube, or the knit is not symmetric. The
+                target is not symmetric.
         """
         assert level.edge_length is not None
         pattern = self.skin.pattern(comm, level.edge_length, planes)
@@ -189,7 +187,6 @@ def length_metric(target: float | None) -> Metric:
     return Metric("length", "ratio", target, length_ratio, LENGTH_SCALE)
 
 
-@collective("comm")
 def plain_tube(
     comm: MPI.Comm, sizes: Tube, planes: tuple[int, ...] = (), *, seams: str = Bending.seams
 ) -> tuple[Pattern, Supports, Floats]:

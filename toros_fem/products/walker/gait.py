@@ -14,7 +14,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, if_plotting, write_table
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_count
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.opening import opened
@@ -176,7 +176,6 @@ class Walk:
         }
 
 
-@collective("comm")
 def flat_on_ground(
     comm: MPI.Comm, pattern: Pattern, supports: Supports, sizes: ContactSizes
 ) -> tuple[Floats, float]:
@@ -219,7 +218,6 @@ def walk_of(
     return Walk(gait, points, whole, feet, np.array(lowest) <= reach)
 
 
-@collective("comm", owned=("walk",))
 def write_gait(
     comm: MPI.Comm,
     folder: Path,

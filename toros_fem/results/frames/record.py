@@ -77,7 +77,7 @@ def _touched(
     """
     if contact is None:
         return None, None
-    bodies = [body for body in contact.bodies if body.mass is None or poses is not None]
+    bodies = [body for body in contact.bodies if not body.free or poses is not None]
     if poses is not None:
         bodies = [body.moved(np.asarray(pose)) for body, pose in zip(bodies, poses, strict=True)]
     first = np.cumsum([0, *(len(body.points) for body in bodies)])

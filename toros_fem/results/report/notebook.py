@@ -40,7 +40,8 @@ class StoredRun(Summary):
         """Return the skin in space, a height in pixels, which a notebook shows and a mouse turns.
 
         Raises:
-            OutputError: The folder holds no run, or a file cannot be read.
+            FileError: The folder holds no run.
+            OutputError: A file cannot be read.
             MissingPackageError: A package of the extra `plot` is not installed.
         """
         return view_of(self.folder, height)

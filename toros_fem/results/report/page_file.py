@@ -25,7 +25,8 @@ def write_report(folder: str | Path) -> Path:
     shown as far as it has come.
 
     Raises:
-        OutputError: The folder holds no run, a file cannot be read, or the page not be written.
+        FileError: The folder holds no run.
+        OutputError: A file cannot be read, or the page not be written.
         MissingPackageError: A package of the extra `plot` is not installed.
     """
     run = read_run(folder)

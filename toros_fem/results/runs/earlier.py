@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from toros_fem.base.errors import RunError
+from toros_fem.base.errors import OutputError
 from toros_fem.base.files import LISTED, add_to_list, listed
 from toros_fem.results.runs.files import FILES, RECORD, STATE
 
@@ -22,7 +22,7 @@ def move_aside(folder: Path) -> Path | None:
     in part can be moved again. The folder is locked. None if there is nothing to move.
 
     Raises:
-        RunError: A file that no run listed has the name of a file of runs; nothing is moved.
+        OutputError: A file that no run listed has the name of a file of runs; nothing is moved.
         OSError: A file cannot be moved.
     """
     state = folder / STATE
@@ -61,7 +61,7 @@ def require_room(folder: Path, known: Iterable[str]) -> None:
         if os.path.lexists(path) and name not in own and not mine:
             taken.append(name)
     if taken:
-        raise RunError(
+        raise OutputError(
             f"{folder} has {', '.join(taken)}, which no run listed in {LISTED} there. Choose "
             "another folder, or move such files; nothing was done to them."
         )

@@ -19,7 +19,7 @@ from typing import Any, NoReturn, Self, TypeVar
 from mpi4py import MPI
 
 from toros_fem.base.archive import FORMAT
-from toros_fem.base.errors import CheckpointError, NoRunError, RunError, RunStoppedError
+from toros_fem.base.errors import CheckpointError, FileError, OutputError, RunStoppedError
 from toros_fem.base.files import (
     add_to_list,
     guarded,
@@ -32,7 +32,6 @@ from toros_fem.base.files import (
     replace_file,
     write_json,
 )
-from toros_fem.base.mpi import collective
 from toros_fem.base.program import program
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
@@ -169,13 +168,12 @@ def journal_of(folder: str | Path) -> RunJournal | None:
 def require_open(folder: Path) -> None:
     """Check that a folder holds no run whose files would be replaced, or an open one (one rank)."""
     if run_of(folder) is None and (folder / STATE / RECORD).exists():
-        raise RunError(
+        raise OutputError(
             f"{folder} holds a run, whose files would be replaced. Choose another folder, or let "
             "`open_run` move it aside."
         )
 
 
-@collective("comm")
 def open_run(
     comm: MPI.Comm,
     folder: str | Path,
@@ -201,8 +199,9 @@ def open_run(
         again: Command that goes on, for the line that tells it; None takes `toros resume`.
 
     Raises:
-        RunError: Another process uses the folder, it cannot be written to, a file in it that no
-            run wrote has the name of a file of runs, or there is nothing to resume in it.
+        OutputError: Another process uses the folder, it cannot be written to, a file in it that no
+            run wrote has the name of a file of runs, or the run in it is finished.
+        FileError: There is no run in it to resume.
         CheckpointError: The run in it has other inputs, or is of a newer version.
     """
     require_count(1, every=every)
@@ -224,7 +223,7 @@ def _resume(folder: Path, new: RunRecord, scene: str | None, stack: ExitStack) -
     stack.callback(FolderLock(folder).release)
     record = _read_record(folder)  # another process may have ended it just now
     if record.finished and record.inputs == new.inputs:
-        raise RunError(f"the run in {folder} is finished; there is nothing to resume.")
+        raise OutputError(f"the run in {folder} is finished; there is nothing to resume.")
     if record.identity != new.identity:
         raise CheckpointError(
             f"the run in {folder} has other inputs than those given. Resume it with its own, or "
@@ -295,12 +294,11 @@ def _undo(folder: Path, moved: Path, kind: type[BaseException] | None, *_: Any) 
     log.warning("the new run wrote nothing; files of the earlier one are back in %s", folder)
 
 
-@collective("comm")
 def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | None]:
     """Return the record of a run and the text of its scene, None without (collective).
 
     Raises:
-        RunError: The folder holds no run.
+        FileError: The folder holds no run.
         CheckpointError: Its record is damaged or of a newer version.
     """
     folder = Path(folder)
@@ -315,7 +313,7 @@ def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | No
 
 
 def _in_folder(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
-    return guarded(comm, folder, action, RunError, UNUSABLE, make=False)
+    return guarded(comm, folder, action, OutputError, UNUSABLE, make=False)
 
 
 def _write_record(folder: Path, record: RunRecord) -> None:
@@ -326,7 +324,7 @@ def _read_record(folder: Path) -> RunRecord:
     path = folder / STATE / RECORD
     content = read_json(path, CheckpointError, ANEW)
     if not content:
-        raise NoRunError(f"{folder} holds no run: {path} is missing. Start one there.")
+        raise FileError(f"{folder} holds no run: {path} is missing. Start one there.")
     found, damaged = content.get("format"), CheckpointError(f"{path} is damaged. {ANEW}")
     if isinstance(found, int) and found != FORMAT:
         raise CheckpointError(

@@ -9,7 +9,7 @@ import socket
 import stat
 from pathlib import Path
 
-from toros_fem.base.errors import RunError
+from toros_fem.base.errors import OutputError
 
 NAME = ".lock"
 # What the lock of a run begins with, where it is not empty.
@@ -22,14 +22,14 @@ class FolderLock:
     The kernel frees it when the process ends, however it ends.
 
     Raises:
-        RunError: Another process holds it; the message names process and host. Or a link or a file
-            of somebody else has its name.
+        OutputError: Another process holds it; the message names process and host. Or a link or a
+            file of somebody else has its name.
         OSError: The folder cannot be written to.
     """
 
     def __init__(self, folder: Path) -> None:
         path = folder / NAME
-        foreign = RunError(f"{path} is no lock of a run. Move it, or choose another folder.")
+        foreign = OutputError(f"{path} is no lock of a run. Move it, or choose another folder.")
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
         try:
             self._file: int | None = os.open(path, flags, 0o644)
@@ -47,7 +47,7 @@ class FolderLock:
         except BlockingIOError:
             holder = os.read(self._file, 200).decode(errors="replace").strip()
             self.release()
-            raise RunError(
+            raise OutputError(
                 f"{folder} is in use by a run{f', {holder}' if holder else ''}. Wait for its end, "
                 "stop it, or choose another folder."
             ) from None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from toros_fem.base.errors import NoRunError, OutputError
+from toros_fem.base.errors import FileError, OutputError
 from toros_fem.base.files import read_bytes, read_json, reading
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import ShownSkin, read_skin
@@ -105,12 +105,12 @@ def read_run(folder: str | Path) -> Run:
     print.
 
     Raises:
-        NoRunError: The folder is missing or holds nothing to show.
+        FileError: The folder is missing or holds nothing to show.
         OutputError: A file cannot be read.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise NoRunError(f"{folder} is no folder. Give the folder of a run, its --output.")
+        raise FileError(f"{folder} is no folder. Give the folder of a run, its --output.")
     summary, history = summary_of(folder), _read_table(folder / "history.csv", DRAWN)
     frames = folder / FOLDER
     series = {name: read_frames(frames, name) for name in SERIES}
@@ -121,7 +121,7 @@ def read_run(folder: str | Path) -> Run:
         series["iteration"] = [f for f in series["iteration"] if f.number <= last]
     series = {name: found for name, found in series.items() if found}
     if not series and not history and not summary:
-        raise NoRunError(
+        raise FileError(
             f"{folder} holds neither frames, history.csv nor summary.json, so it is no run or one "
             "that had not begun. Give the folder of a run, its --output."
         )
