@@ -29,7 +29,6 @@ from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.readings.error_estimate import estimate_error
-from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.tubes.bend import BendScene
 
 # Characters of the longest message: about three lines of a terminal.
@@ -129,7 +128,6 @@ DIFFERENT: Table = {
     "folder": lambda s: tf.open_run(s.comm, s.folder / f"run {s.comm.rank}", {}),
     "inputs": lambda s: tf.open_run(s.comm, s.folder / "run", {"seed": s.comm.rank}),
     "resume": lambda s: tf.open_run(s.comm, s.folder / "run", {}, resume=s.by_rank(False, True)),
-    "width": lambda s: ClampedStrip(s.comm, 0.1, s.by_rank(0.02, 0.03)),
     "BendScene.target.angle": lambda s: BEND.updated(angle=60.0 + s.comm.rank).case(
         s.comm, BEND.finest_level
     ),

@@ -1,4 +1,4 @@
-"""Confidence intervals of a fit: by the curvature of the loss, or by drawing the tests again."""
+"""Confidence intervals of a fit, by drawing the tests again."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.products.fitting.robust_fit import Problem, Solution, covariance, minimise
+from toros_fem.products.fitting.robust_fit import Problem, Solution, minimise
 from toros_fem.products.fitting.samples import Samples
 
 CONFIDENCE = 0.95
@@ -24,26 +24,7 @@ LARGEST_CORRELATION = 0.95
 BIAS = 3.0
 
 
-def half_widths(problem: Problem, solution: Solution) -> Floats:
-    """Return half the width of each parameter's interval, by the curvature of the loss, (p,)."""
-    spread, degrees = covariance(problem, solution)
-    return np.asarray(stdtrit(degrees, UPPER) * np.sqrt(np.diagonal(spread)))
-
-
-def hessian_draws(problem: Problem, solution: Solution, draws: int, seed: int) -> Floats:
-    """Return parameters drawn from Student's distribution by the curvature of the loss, (draws, p).
-
-    It takes the place of the normal distribution of an M-estimate.
-    """
-    spread, degrees = covariance(problem, solution)
-    rng = np.random.default_rng(seed)
-    normal = rng.standard_normal((draws, len(spread)))
-    chi = np.sqrt(rng.chisquare(degrees, (draws, 1)) / degrees)
-    found = solution.theta + (normal / chi) @ np.linalg.cholesky(spread).T
-    return np.asarray(np.clip(found, *problem.bounds))
-
-
-def bootstrap_draws(
+def drawn_again(
     problem: Problem, solution: Solution, samples: Samples, draws: int, seed: int
 ) -> Floats:
     """Return parameters fitted to data drawn again, (draws, p).
