@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from mpi4py import MPI
 
+from toros_fem.base.files import require_unused
 from toros_fem.base.keys import Length, OneOf, Table, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
@@ -67,6 +69,7 @@ class Fit(Command, FitOptions, _Entry, _Unsaid):
 
     data: tuple[Path, ...] = key(MISSING, "files of the tests, in CSV")
     output: Path = key(Path("fit"), "folder for the report, made if missing")
+    overwrite: bool = key(False, "replace files of these names in the folder; all others stay")
 
     WORDS: ClassVar = ("data",)
     TAKES: ClassVar = {
@@ -85,10 +88,12 @@ class Fit(Command, FitOptions, _Entry, _Unsaid):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Fit, and write the report and the entry (collective)."""
-        from toros_fem.products.fitting.report import fit_table, write_fit
+        from toros_fem.products.fitting.report import FILES, fit_table, write_fit
 
         if (self.name is None) != (self.library is None):
             raise UsageError("--name and --library belong together: give both, or none.")
+        unused = partial(require_unused, self.output, FILES, overwrite=self.overwrite)
+        on_first_rank(comm, unused)
         result = on_first_rank(comm, self._material)
         write_fit(comm, self.output, result)
         text = f"{fit_table(result)}\nsee {self.output}/"

@@ -90,6 +90,20 @@ def write_manufacture(
     return about
 
 
+def made_before(folder: Path) -> list[Path]:
+    """Return the files that earlier calls wrote into a folder, and that are there (one rank).
+
+    Raises:
+        ManufactureFileError: One of them was changed since.
+    """
+    earlier = _earlier(folder)
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    names = sorted(name for name in earlier.keys() & there if (folder / name).is_file())
+    if names:
+        _require_room(folder, names, earlier)
+    return [folder / name for name in names]
+
+
 def machine_files(made: Manufacture) -> Iterator[MadeFile]:
     """Yield each file for printer and cutter."""
     for bed, sheet in enumerate(made.layout.beds, 1):

@@ -13,6 +13,7 @@ from toros_fem.base.mpi import collective
 from toros_fem.materials.library.material import LENGTHS, LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, FitResult
 
+FILES = ("fit.json", "fit.txt", "fit.csv", "fit.png")
 COLOURS = ("#1F3A5F", "#D55E00", "#0072B2", "#6B7280")
 
 
