@@ -455,10 +455,10 @@ def test_a_stop_that_another_error_hides_is_a_stop(alone: MPI.Comm, tmp_path: Pa
     folder = tmp_path / "run"
     with open_run(alone, folder, {"a": 1}):
         pass
-    with (
+    with (  # noqa: PT012
         pytest.raises(RunStoppedError, match="SIGTERM"),
         open_run(alone, folder, {"a": 2}, overwrite=True),
-    ):  # noqa: PT012
+    ):
         try:
             os.kill(os.getpid(), signal.SIGTERM)
         except BaseException as error:

@@ -39,10 +39,10 @@ def write_manufacture(
     title: str = "",
     others: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Write print files, cut files, bladder, manifest and page of a whole pattern (one rank).
+    """Write print files, cut files, manifest and page of a whole pattern (one rank).
 
     The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
-    first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html.
+    first sheet, and so on; manufacture.json and make_it.html.
     All are written beside before the first one takes its place, so that a full disk leaves those of
     an earlier call whole; these, which its manufacture.json lists, go at the end if they are as
     they were written. All others stay. Returned is the manifest.
@@ -115,11 +115,6 @@ def machine_files(made: Manufacture) -> Iterator[MadeFile]:
         for end, cut in CUTS.items():
             shows = f"cut of sheet {number}, in mm, in layers"
             yield MadeFile(f"cut_{number}.{end}", "cut", shows, cut(sheet), sheet=number)
-    if made.film is not None:
-        for end, cut in CUTS.items():
-            count = len(made.film.drawings)
-            shows = f"cut of the bladder's {count} sheets of film, in mm, in layers"
-            yield MadeFile(f"bladder.{end}", "bladder", shows, cut(made.film))
 
 
 def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
