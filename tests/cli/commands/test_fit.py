@@ -47,7 +47,7 @@ def test_a_doubtful_entry_says_so(
 ) -> None:
     """A preload is refused until it is told; a fraction under % is in doubt until it is told."""
     data, library = ROOT / "tests" / "data" / "tensile", tmp_path / "mine.toml"
-    words = ["--thickness", "0.5 mm", "--output", str(tmp_path / "fit"), *FAST]
+    words = ["--thickness", "0.5 mm", "--output", str(tmp_path / "fit"), "--overwrite", *FAST]
     words += ["--name", "a", "--library", str(library)]
     assert run(alone, ["fit", str(data / "preload.csv"), *words]) == 2
     assert "--offset preload" in capsys.readouterr().err

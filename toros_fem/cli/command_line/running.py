@@ -79,8 +79,10 @@ def run_scene(
             warn_of_doubts(comm, scene.config, simulated=True)
         else:  # a design warns by itself
             doubts(scene.config)
-    opened = {"scene": text, "resume": resume, "overwrite": overwrite, "every": every}
-    with scene.located(), open_run(comm, folder, inputs, **opened):
+    with (
+        scene.located(),
+        open_run(comm, folder, inputs, scene=text, resume=resume, overwrite=overwrite, every=every),
+    ):
         if resume:
             log.info("the run in %s goes on", folder)
         found: RunResult = action(comm, folder, files, verbose=verbose)
