@@ -9,7 +9,7 @@ export FENICSX_GROUPS = all
 
 demo: export FENICSX_GROUPS = run
 demo:
-	$(FENICSX) mpirun -n $(RANKS) python3 demos/bend.py --coarse --output output/bend
+	$(FENICSX) mpirun -n $(RANKS) python3 demos/bend.py --coarse --output output/bend --overwrite
 
 test: forms
 	$(FENICSX) env OMP_NUM_THREADS=1 $(PYTEST) -q -n 2 --dist loadfile --no-loadscope-reorder
@@ -46,7 +46,7 @@ docs:
 pictures:
 	$(FENICSX) env OMP_NUM_THREADS=1 python3 -m benchmarks figures --only coarse --rows output/figures.csv
 	$(FENICSX) python3 -m benchmarks figures --rows output/figures.csv --page
-	$(FENICSX) env OMP_NUM_THREADS=1 python3 demos/three_field.py --coarse
+	$(FENICSX) env OMP_NUM_THREADS=1 python3 demos/three_field.py --coarse --overwrite
 	$(FENICSX) python3 docs/copy_pictures.py
 	$(FENICSX) python3 docs/make_gallery.py
 	$(FENICSX) env OMP_NUM_THREADS=1 python3 docs/draw_pictures.py

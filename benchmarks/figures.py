@@ -119,7 +119,7 @@ def summary_after(words: Sequence[str], changes: Sequence[str], folder: Path) ->
     """Run a command of `toros` with changed keys into a new folder, and return its summary."""
     shutil.rmtree(folder, ignore_errors=True)
     changed = [word for one in changes for word in ("--set", one)]
-    if code := run(MPI.COMM_SELF, [*words, *changed, "--output", str(folder)]):
+    if code := run(MPI.COMM_SELF, [*words, *changed, "--output", str(folder), "--overwrite"]):
         raise RuntimeError(f"toros {words[0]} {Path(words[1]).name} ended with {code}")
     return summary_of(folder)
 

@@ -30,6 +30,7 @@ parser = argparse.ArgumentParser(description="Design a tube that bends when it i
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and one instead of two")
 parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
 parser.add_argument("--output", type=Path, default=Path("output/bend"), help="folder of the files")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -98,7 +99,7 @@ def problem(edge: float) -> tf.ShapeDesign:
     return tf.ShapeDesign(comm, case(edge), rules)
 
 
-reporter = tf.DesignReporter(comm, given.output)
+reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
 rules = [steps, finer][: len(edges)]
 result = tf.optimize_levels(map(problem, edges), rules, seed=given.seed, callback=reporter)
 

@@ -39,6 +39,7 @@ parser = argparse.ArgumentParser(description="Design a tube that bends and twist
 parser.add_argument("--coarse", action="store_true", help="coarse meshes and wider lines")
 parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
 parser.add_argument("--output", type=Path, default=Path("output/bend_twist"), help="folder")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -82,7 +83,7 @@ def case_on(edge: float) -> tf.Case:
 # ## Relaxed design, lines, print; and again with lines that are moved
 
 # %%
-reporter = tf.DesignReporter(comm, given.output)
+reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
 options = tf.RelaxedOptions(share_weight=1e-3, iterations=(60, 60))
 rules = [tf.Regularisation(2 * edge, length_scale=None) for edge in (relaxed_edge, print_edge)]
 design = tf.ShapeDesign(comm, case_on(relaxed_edge), rules[0])

@@ -36,6 +36,7 @@ parser = argparse.ArgumentParser(description="Design a tube that shortens when i
 parser.add_argument("--coarse", action="store_true", help="coarse meshes and wider lines")
 parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
 parser.add_argument("--output", type=Path, default=Path("output/contract"), help="folder of files")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -83,7 +84,7 @@ def problem(edge: float, asked: float) -> tf.ShapeDesign:
 options = tf.RelaxedOptions(share_weight=0.01)
 widths = tf.LineOptions(widths=(width, width), print_width=0.6e-3)
 limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-reporter = tf.DesignReporter(comm, given.output)
+reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
 
 asked, relaxed, best = SHORTENING, None, None
 for _ in range(4):

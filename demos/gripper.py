@@ -35,6 +35,7 @@ parser = argparse.ArgumentParser(description="Design a gripper, and let it lift 
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh")
 parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
 parser.add_argument("--output", type=Path, default=Path("output/gripper"), help="its folder")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -98,7 +99,7 @@ case = tf.Case(
 # %%
 options = tf.DesignOptions((tf.Stage(60), tf.Stage(40, constrained=True)))
 design = tf.ShapeDesign(comm, case, tf.Regularisation(filter_radius))
-reporter = tf.DesignReporter(comm, given.output)
+reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
 result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
 limits, area = tf.PrintLimits(0.6e-3, 0.6e-3), 20e-6
 printed = tf.trimmed(tf.as_printed(design, result, limits, island_area=area))

@@ -24,12 +24,14 @@ import toros_fem as tf
 from toros_fem.meshes import cylinder, mirrored
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import write_summary
+from toros_fem.results.runs.folder import begin_folder
 from toros_fem.results.writer import draw_pictures
 
 parser = argparse.ArgumentParser(description="Inflate a tube without reinforcement.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh and half the pressures")
 parser.add_argument("--seed", type=int, default=2, help="plays no part: nothing is drawn here")
 parser.add_argument("--output", type=Path, default=Path("output/inflate"), help="folder of files")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -81,6 +83,7 @@ for point in tf.trace(
 
 # %%
 path = PathResult(pattern, points, density, metrics, mirrored(pattern, planes), composite)
+begin_folder(comm, given.output, overwrite=given.overwrite)
 write_pressure_path(comm, given.output, path)
 write_summary(comm, given.output, path)
 draw_pictures(comm, given.output)

@@ -39,6 +39,7 @@ parser = argparse.ArgumentParser(description="Design the print of a skin from a 
 parser.add_argument("--coarse", action="store_true", help="half the steps, on the same mesh")
 parser.add_argument("--seed", type=int, default=0, help="seed of the random start")
 parser.add_argument("--output", type=Path, default=Path("output/own_design"), help="folder")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -110,7 +111,7 @@ case = tf.Case(
 first, second = (40, 30) if given.coarse else (60, 40)
 stages = (tf.Stage(first), tf.Stage(second, constrained=True))
 design = tf.ShapeDesign(comm, case, tf.Regularisation(3.9e-3))
-reporter = tf.DesignReporter(comm, given.output)
+reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
 options = tf.DesignOptions(stages, min_relative_decrease=0.05)
 result = tf.optimize(design, options, seed=given.seed, callback=reporter)
 limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)

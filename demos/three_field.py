@@ -37,6 +37,7 @@ from toros_fem.products.tables.loads import Results
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
+from toros_fem.results.runs.folder import open_run
 from toros_fem.results.summary import PrintedResult
 
 # β of almost 0 makes the projection the identity.
@@ -98,6 +99,8 @@ def run(
     comm: MPI.Comm,
     output: Path | str,
     config: ThreeFieldScene | None = None,
+    *,
+    overwrite: bool = False,
 ) -> None:
     """Design all variants and write table and picture strip.
 
@@ -105,6 +108,7 @@ def run(
         comm: Communicator.
         output: Folder for table and picture strip, and a folder for each variant.
         config: Numbers of this comparison; None takes the defaults.
+        overwrite: Whether runs in these folders are replaced.
     """
     output, config = Path(output), config or ThreeFieldScene()
     rows: list[dict[str, Any]] = []
@@ -113,7 +117,10 @@ def run(
         if comm.rank == 0:
             print(f"\n{name}", flush=True)
         folder = output / name.replace(" ", "_")
-        with warnings.catch_warnings():
+        with (
+            warnings.catch_warnings(),
+            open_run(comm, folder, variant.as_dict(), overwrite=overwrite),
+        ):
             # The radius of the first variant is too small on purpose.
             warnings.filterwarnings("ignore", "filter radius", UserWarning)
             made = variant.run_design(comm, folder)
@@ -282,6 +289,7 @@ if __name__ == "__main__":
     parser.add_argument(
         "--output", type=Path, default=Path("output/three_field"), help="folder of the files"
     )
+    parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
     given = parser.parse_args()
     scene = ThreeFieldScene().coarse() if given.coarse else ThreeFieldScene()
-    run(MPI.COMM_WORLD, given.output, scene.updated(seed=given.seed))
+    run(MPI.COMM_WORLD, given.output, scene.updated(seed=given.seed), overwrite=given.overwrite)

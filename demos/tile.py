@@ -42,6 +42,7 @@ parser = argparse.ArgumentParser(description="Design a tile of fabric with a tar
 parser.add_argument("--coarse", action="store_true", help="coarse meshes")
 parser.add_argument("--seed", type=int, default=2, help="seed of the first random start")
 parser.add_argument("--output", type=Path, default=Path("output/tile"), help="folder of the files")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -88,7 +89,7 @@ settings = TileDesignScene.of(
     print_width=0.6e-3,
     island_area=0.1e-6,
 )
-reporter = tf.DesignReporter(comm, given.output)
+reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
 result = search.design_tile(case, settings, reporter)
 measured = measure_print(result)  # in all directions, and over the strain
 

@@ -29,10 +29,12 @@ from toros_fem.making.sheets.write import write_manufacture
 from toros_fem.products.tiles import pull_test
 from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
 from toros_fem.products.tiles.printed_tile import PrintedTile, print_layout, tile_sheet
+from toros_fem.results.runs.folder import begin_folder
 
 parser = argparse.ArgumentParser(description="Pull a sheet of tiles beside its prediction.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and fewer tiles")
 parser.add_argument("--output", type=Path, default=Path("output/tile_sheet"), help="its folder")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -90,6 +92,7 @@ def write() -> None:
         plot_sheet(path, one.sheet.pattern, one.test.positions, cells, title)
 
 
+begin_folder(comm, given.output, overwrite=given.overwrite)
 guarded(comm, given.output, write)
 if comm.rank == 0:
     for one in pulled:

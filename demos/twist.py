@@ -30,6 +30,7 @@ parser = argparse.ArgumentParser(description="Design a tube that twists when it 
 parser.add_argument("--coarse", action="store_true", help="coarse meshes and wider lines")
 parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
 parser.add_argument("--output", type=Path, default=Path("output/twist"), help="folder of the files")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -73,7 +74,7 @@ def problem(edge: float, asked: float) -> tf.ShapeDesign:
 options = tf.RelaxedOptions(share_weight=0.01)
 widths = tf.LineOptions(widths=(width, width), print_width=0.6e-3)
 limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-reporter = tf.DesignReporter(comm, given.output)
+reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
 
 asked, relaxed, best = TWIST, None, None
 for _ in range(4):

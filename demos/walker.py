@@ -34,6 +34,7 @@ parser = argparse.ArgumentParser(description="Design a walker that stands up, an
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and printed feet")
 parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
 parser.add_argument("--output", type=Path, default=Path("output/walker"), help="its folder")
+parser.add_argument("--overwrite", action="store_true", help="replace the run in it")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -80,7 +81,7 @@ case = tf.Case(
 first, second = (40, 30) if given.coarse else (60, 40)
 stages = tf.Stage(first), tf.Stage(second, constrained=True)
 options = tf.DesignOptions(stages, min_relative_decrease=0.05)
-reporter = tf.DesignReporter(comm, given.output)
+reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
 design = tf.ShapeDesign(comm, case, tf.Regularisation(radius))
 result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
 limits = tf.PrintLimits(0.6e-3, 0.6e-3)

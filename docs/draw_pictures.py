@@ -435,7 +435,7 @@ OF_BEND = (
 DRAWN: Mapping[str, Callable[[Path], None]] = {
     "characterisation.png": by_command(
         "fit", "examples/stockinette.csv", "--direction", "x", "--thickness", "3 mm",
-        "--intervals", "hessian", file="fit.png",
+        file="fit.png",
     ),
     "crossed_lines.png": draw_crossed,
     "curves_empty.png": draw_empty,

@@ -46,8 +46,6 @@ from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, LineChange
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.mma.optimizer import MMA, Functions
-from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.bladder import bladder_sheets
 from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.print.contours import printed_regions
@@ -581,9 +579,6 @@ MAKING: Table = {
     "1 region for 2 panels": lambda s: panel_drawings(pattern_of("finger"), [shapely.Polygon()]),
     "2 regions for 3 panels": lambda s: regions_on(s.pattern, [CAP] * 2, s.pattern),
     "regions on other panels": lambda s: regions_on(s.pattern, [CAP] * 3, tube()),
-    "a bladder's tab on an unknown panel": lambda s: bladder_sheets(
-        pattern_of("finger"), ManufactureOptions(connector_width=8e-3), ("side", np.zeros(2))
-    ),
     "a body of nothing": lambda s: print_body(shapely.Polygon(), 1e-3),
     "a body of height 0": lambda s: print_body(CAP, 0),
     "a body below its sheet": lambda s: print_body(CAP, 1e-3, -0.1),

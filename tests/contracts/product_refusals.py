@@ -29,8 +29,6 @@ from toros_fem.meshes.pattern_file import NAME
 from toros_fem.meshes.surfaces.remeshed import remeshed
 from toros_fem.meshes.surfaces.surface import oriented
 from toros_fem.products.fitting.reading import Given
-from toros_fem.products.fitting.sheet_fit import fit_printed_sheet
-from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.fitting.uniaxial import uniaxial_curve
 from toros_fem.products.gripper.gripper import GripperScene
@@ -281,11 +279,6 @@ FITS: Table = {
     "a fit of two points": lambda s: tf.fit_material([synthetic()], FitOptions(up_to=1.05)),
     "a fit of skew tests": lambda s: tf.fit_material([_test("0"), _test("45")]),
     "a fit of a pushed strip": lambda s: tf.fit_material([_test(stress=-PULL)]),
-    **each(ClampedStrip, {"edges": 1}, {"gauge": 0.2}, {"length": 100.0},
-           comm=ALONE, length=0.1, width=0.02),
-    "a printed sheet of wales": lambda s: fit_printed_sheet(
-        ALONE, [_test("wale")], printed_tile(), 2, 1
-    ),
 }  # fmt: skip
 
 PRODUCTS: Table = WORDS | REGIONS | SKINS | ACTUATORS | TILES | FITS

@@ -16,15 +16,17 @@ from mpi4py import MPI
 
 from toros_fem.base import files
 from toros_fem.base.archive import Archive
-from toros_fem.base.errors import CheckpointError, FileError, OutputError
-from toros_fem.base.files import LISTED, UNFINISHED, guarded, write_json, write_table
+from toros_fem.base.errors import CheckpointError, OutputError
+from toros_fem.base.files import UNFINISHED, guarded, write_json, write_table
 from toros_fem.results.runs.folder import open_run, read_record
-from toros_fem.results.runs.journal import BEFORE, RunJournal
+from toros_fem.results.runs.journal import RunJournal
 from toros_fem.results.runs.lock import NAME
 
 # The child writes files alone, and uses none of the threads that it does not have.
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 ALONE, INPUTS, STEPS = MPI.COMM_SELF, {"length": 0.1}, 3
+# Files of a person in the folder of a run.
+OWN = ("notes.txt", "frames/my.npz", "state/mine.npz")
 
 
 def state(number: int) -> Archive:
@@ -33,9 +35,9 @@ def state(number: int) -> Archive:
     )
 
 
-def run(folder: Path, *, resume: bool = False) -> None:
+def run(folder: Path, **how: Any) -> None:
     """A tiny run: its scene, its record, a state after each step, a table and a summary."""
-    with open_run(ALONE, folder, INPUTS, scene="# mine\n", resume=resume, every=1) as opened:
+    with open_run(ALONE, folder, INPUTS, scene="# mine\n", every=1, **how) as opened:
         entry = opened.journal(folder).entry(ALONE, "loop")
         saved = entry.saved()
         done = 0 if saved is None else int(saved.numbers["step"])
@@ -48,14 +50,12 @@ def run(folder: Path, *, resume: bool = False) -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """All files of a run by their place, without what it moved aside and what tells processes."""
+    """All files in a run's folder by their place, without what tells processes."""
     places = {path.relative_to(folder): path for path in sorted(folder.rglob("*"))}
     return {
         place.as_posix(): path.read_bytes()
         for place, path in places.items()
-        if path.is_file()
-        and place.name not in (NAME, LISTED)
-        and not place.parts[0].startswith("earlier")
+        if path.is_file() and place.name != NAME
     }
 
 
@@ -118,22 +118,19 @@ def check(folder: Path, written: dict[str, set[bytes]], earlier: dict[str, bytes
     """Each file is the old or a new one, and both ways to go on lead to the whole run."""
     for name, content in contents(folder).items():
         if not name.endswith(UNFINISHED):
-            file = name.removesuffix(BEFORE)
-            assert content in written.get(file, set()) | {earlier.get(name)}, name
-    before = contents(folder)
-    try:
-        record, _ = read_record(ALONE, folder)
-        if record.finished:
-            return
-        run(folder, resume=True)
-    except FileError:
-        assert "state/run.json" not in before, "what has a record goes on"
+            assert content in written.get(name, set()) | {earlier.get(name)}, name
+    if "state/run.json" in contents(folder):
+        if read_record(ALONE, folder)[0].finished:
+            run(folder, overwrite=True)
+        else:
+            run(folder, resume=True)
+    else:  # nothing but a lock is there
         run(folder)
     last = contents(folder)
     assert {name for name in written if "summary" in name or "history" in name} <= set(last)
     assert read_record(ALONE, folder)[0].finished
     assert b'"steps": 3' in last["summary.json"]
-    run(folder)  # and a fresh one begins in its place
+    run(folder, overwrite=True)  # and a fresh one begins in its place
     assert read_record(ALONE, folder)[0].finished
 
 
@@ -146,31 +143,36 @@ def test_a_fault_at_each_write(
     steps, known = written
     assert steps > 3 * STEPS
     for number in range(1, steps + 1):
-        folder = tmp_path / f"{kind} {number}"
+        folder, how = tmp_path / f"{kind} {number}", {"overwrite": before}
         earlier: dict[str, bytes] = {}
         if before:
             run(folder)
+            for name in OWN:
+                (folder / name).parent.mkdir(exist_ok=True)
+                (folder / name).write_text("mine")
             earlier = contents(folder)
         with monkeypatch.context() as patch:
             if kind == "killed":
                 failing_at(patch, number, lambda: os._exit(9))
-                assert child(partial(run, folder)) == 9
+                assert child(partial(run, folder, **how)) == 9
             else:
                 failing_at(patch, number, full)
                 with pytest.raises(OutputError, match="No space left"):
-                    run(folder)
+                    run(folder, **how)
                 assert not list(folder.rglob(f"*{UNFINISHED}")), "nothing is left beside a file"
         check(folder, known, earlier)
+        assert not before or {(folder / name).read_text() for name in OWN} == {"mine"}
 
 
 def full() -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("resume", [False, True])
-def test_a_folder_in_use(resume: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", ["resume", "overwrite"])
+def test_a_folder_in_use(how: str, tmp_path: Path) -> None:
     """Refused with the process that uses it, until that is dead."""
     folder = tmp_path / "run"
+    options: dict[str, Any] = {how: True}
     with pytest.MonkeyPatch.context() as patch:
         failing_at(patch, 8, lambda: os._exit(9))
         assert child(partial(run, folder)) == 9
@@ -187,14 +189,14 @@ def test_a_folder_in_use(resume: bool, tmp_path: Path) -> None:
         assert os.read(reader, 6) == b"locked"
         before = contents(folder)
         with pytest.raises(OutputError, match=f"process {other} on "):
-            open_run(ALONE, folder, INPUTS, resume=resume)
-        assert contents(folder) == before, "nothing was moved"
+            open_run(ALONE, folder, INPUTS, **options)
+        assert contents(folder) == before, "nothing was removed"
     finally:
         os.kill(other, signal.SIGKILL)
         os.waitpid(other, 0)
-    with open_run(ALONE, folder, INPUTS, resume=resume):  # noqa: SIM117
+    with open_run(ALONE, folder, INPUTS, **options):  # noqa: SIM117
         with pytest.raises(OutputError, match="in use"):
-            open_run(ALONE, folder, INPUTS, resume=resume)
+            open_run(ALONE, folder, INPUTS, **options)
 
 
 def changed(content: bytes, kind: str, place: int) -> bytes:
@@ -208,14 +210,13 @@ def changed(content: bytes, kind: str, place: int) -> bytes:
 
 @pytest.mark.parametrize("kind", ["byte", "cut", "zeros"])
 def test_a_checkpoint_with_any_byte_changed_is_refused(kind: str, tmp_path: Path) -> None:
-    """Its directory too, where a changed name drops an array; the one before it is offered."""
+    """Its directory too, where a changed name drops an array."""
     folder = tmp_path / "run"
     with pytest.MonkeyPatch.context() as patch:
         failing_at(patch, 20, lambda: os._exit(9))
         assert child(partial(run, folder)) == 9
     path = folder / "state" / "000.npz"
     whole = path.read_bytes()
-    assert path.with_name(path.name + BEFORE).exists()
     refused = 0
     with open_run(ALONE, folder, INPUTS, resume=True) as opened:
         for place in range(0, len(whole), 3):
@@ -231,9 +232,8 @@ def test_a_checkpoint_with_any_byte_changed_is_refused(kind: str, tmp_path: Path
                 continue
             refused += 1
             assert message.startswith(f"{path} "), "by its name"
-            assert f"The one before it is whole: remove {path} alone to go on" in message
     assert refused > len(whole) / 3 / 2
-    path.unlink()
+    path.unlink()  # this loop begins anew
     record = folder / "state" / "run.json"
     record.write_text(record.read_text().replace('"finished": true', '"finished": false'))
     run(folder, resume=True)

@@ -77,7 +77,7 @@ AFTER_BEND: dict[str, list[str]] = {
 }  # fmt: skip
 ALONE: dict[str, list[str]] = {
     "fit": ["fit", str(ROOT / "examples" / "stockinette.csv"), "--thickness", "0.5 mm",
-            "--intervals", "hessian", "--output", "fit"],
+            "--output", "fit"],
     "unwrap": ["unwrap", str(ROOT / "demos" / "surfaces" / "finger.stl"),
                "--output", "unwrap"],
 }  # fmt: skip

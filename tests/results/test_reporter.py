@@ -16,6 +16,7 @@ from toros_fem.base.files import guarded, replace_file
 from toros_fem.design.loop.options import Iteration
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames, write_frame
 from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.folder import open_run
 
 NUMBERS: dict[str, Any] = {name: 1.0 for name in Iteration.__dataclass_fields__}
 NUMBERS |= {
@@ -57,8 +58,9 @@ def test_rows_are_on_disk_at_once(
 def test_an_earlier_history_stays_until_the_first_row(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = shared(comm, tmp_path)
     path = folder / "history.csv"
-    guarded(comm, folder, lambda: replace_file(path, b"of an earlier run\n"))
-    reporter = DesignReporter(comm, folder)
+    with open_run(comm, folder, {}):
+        guarded(comm, folder, lambda: replace_file(path, b"of an earlier run\n"))
+        reporter = DesignReporter(comm, folder)
     assert (folder / "history.csv").read_text(encoding="utf-8") == "of an earlier run\n"
     comm.barrier()
     reporter(ROW, EVALUATION)

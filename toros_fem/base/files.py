@@ -13,7 +13,6 @@ import sys
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -36,101 +35,8 @@ UNWRITTEN = (
 )
 # Ending of files that are being written.
 UNFINISHED = ".unfinished"
-# List of the files that this package wrote into a folder and below it, one a line.
-LISTED = ".toros_files"
-NO_LIST = (
-    "{} is no plain file, or too large to be the list of files that toros wrote there. Move it, or "
-    "choose another folder; nothing was done."
-)
 # What may stand where a file is written.
 _REPLACED = (stat.S_IFREG, stat.S_IFLNK)
-# Folder whose files are listed; None while a caller names each file.
-_listing: ContextVar[Path | None] = ContextVar("listing", default=None)
-
-
-def listed(folder: Path) -> dict[str, None]:
-    """Return the files that this package wrote into a folder, relative to it (one rank).
-
-    Raises:
-        OutputError: The list is no plain file, or too long for one.
-    """
-    path = folder / LISTED
-    try:
-        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except FileNotFoundError:
-        return {}
-    except OSError as caught:
-        if caught.errno != errno.ELOOP:
-            raise
-        raise OutputError(NO_LIST.format(path)) from None
-    with os.fdopen(file, "rb") as opened:
-        found = os.fstat(file)
-        if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES["keys"]:
-            raise OutputError(NO_LIST.format(path))
-        names = opened.read().decode("utf-8", errors="replace").splitlines()
-    inside = (name for name in names if not name.startswith("/") and ".." not in name.split("/"))
-    return dict.fromkeys(filter(None, inside))
-
-
-@contextmanager
-def listing(folder: Path) -> Iterator[None]:
-    """List each file that the block writes below a folder; a file of somebody else stays.
-
-    All that is in a folder which the list names belongs to it. A folder inside one that has a list
-    shares it. A file that is there, and in no list, bars its name by an OutputError.
-    """
-    folder = Path(os.path.abspath(folder))
-    with_list = (one for one in (folder, *folder.parents) if (one / LISTED).is_file())
-    before = _listing.set(next(with_list, folder))
-    try:
-        yield
-    finally:
-        _listing.reset(before)
-
-
-def is_listed(folder: Path, path: Path) -> bool:
-    """Return whether a file, or a folder that it lies in, is in the list of a folder (one rank)."""
-    folder, path = Path(os.path.abspath(folder)), Path(os.path.abspath(path))
-    if folder not in path.parents:
-        return False
-    inside, known = path.relative_to(folder), listed(folder)
-    return any(one.as_posix() in known for one in (inside, *inside.parents))
-
-
-def remove_file(path: Path) -> None:
-    """Remove a file, in the block of `listing` only if it is listed (one rank)."""
-    folder = _listing.get()
-    if folder is None or is_listed(folder, path):
-        path.unlink(missing_ok=True)
-
-
-def _claim(path: Path) -> None:
-    """List a file before it is written."""
-    folder, path = _listing.get(), Path(os.path.abspath(path))
-    if folder is None or folder not in path.parents:
-        return
-    for inside in path.parents[: path.parents.index(folder)]:
-        if inside.is_symlink():
-            raise OutputError(
-                f"{inside} is a link, through which {path.name} would be written elsewhere. Remove "
-                "the link, or choose another folder; nothing was done to it."
-            )
-    if is_listed(folder, path):
-        return
-    if os.path.lexists(path):
-        raise OutputError(
-            f"{path} is there, and {LISTED} does not list it as written by toros. Move it, or "
-            "choose another folder; nothing was done to it."
-        )
-    add_to_list(folder, [path.relative_to(folder).as_posix()])
-
-
-def add_to_list(folder: Path, names: Sequence[str]) -> None:
-    """Add names to the list of a folder; none is half written where a kill cut one off."""
-    known = listed(folder)
-    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
-    with os.fdopen(os.open(folder / LISTED, flags, 0o666), "ab") as file:
-        file.write("".join(f"\n{name}\n" for name in names if name not in known).encode())
 
 
 @contextmanager
@@ -142,9 +48,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Raises:
         OSError: It cannot be written, or is a device or a folder; what was there before stays.
-        OutputError: Inside `listing`, it is a file of somebody else.
     """
-    _claim(path)
     if os.path.lexists(path) and stat.S_IFMT(os.lstat(path).st_mode) not in _REPLACED:
         raise OSError(errno.EINVAL, "it is no regular file", str(path))
     beside = path.with_name(f".{secrets.token_hex(8)}{UNFINISHED}")
@@ -170,7 +74,22 @@ def replacing(path: Path) -> Iterator[Path]:
 def remove_unfinished(folder: Path) -> None:
     """Remove what killed processes were writing into a folder that is locked (one rank)."""
     for path in (*folder.glob(f".*{UNFINISHED}"), *folder.glob(f"*/.*{UNFINISHED}")):
-        path.unlink(missing_ok=True)
+        if path.parent == folder or not path.parent.is_symlink():
+            path.unlink(missing_ok=True)
+
+
+def require_unused(folder: Path, names: Sequence[str], *, overwrite: bool) -> None:
+    """Check that no file has a name that is written, unless it may be replaced (one rank).
+
+    Raises:
+        OutputError: There is one; the message says what to do.
+    """
+    taken = [name for name in names if os.path.lexists(folder / name)]
+    if taken and not overwrite:
+        raise OutputError(
+            f"{folder} has {', '.join(taken)}, which would be replaced. Choose another folder, or "
+            "replace them by --overwrite; nothing was done to them."
+        )
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -291,8 +210,7 @@ def guarded(
 ) -> T:
     """Do something with a folder on the first rank, and return what it finds (collective).
 
-    With `make` the folder is made if it is missing. Files that the action writes there are listed,
-    and others stay (`listing`).
+    With `make` the folder is made if it is missing.
 
     Raises:
         Exception: `error`, as of `naming`, or what the action raises; on all ranks.
@@ -303,8 +221,7 @@ def guarded(
         with naming(folder, error, says):
             if make:
                 folder.mkdir(parents=True, exist_ok=True)
-            with listing(folder):
-                return action()
+            return action()
 
     return on_first_rank(comm, named)
 

@@ -17,7 +17,6 @@ Offset = Annotated[float, In("m", at_least=0, at_most=0.05)]
 Small = Annotated[float, In("m", above=0, at_most=1)]
 Gap = Annotated[float, In("m", at_least=0, at_most=1)]
 Spacing = Annotated[float, In("m", at_least=1e-3, at_most=1)]
-Tab = Annotated[float, In("m", at_least=1e-3, at_most=0.1)]
 Bed = Annotated[float, In("m", above=0, at_most=5)]
 Roll = Annotated[float, In("m", above=0, at_most=100)]
 
@@ -71,11 +70,6 @@ class ManufactureOptions(Table):
     dxf_version: Annotated[str, OneOf((R12, R2010))] = key(
         R2010, "version of the DXF files; old software reads R12"
     )
-    weld_allowance: Small = key(6e-3, "film of the bladder beyond the panels, for its weld")
-    connector_width: Tab | None = key(
-        8e-3, "width of the bladder's tab for its tube; none leaves it out"
-    )
-    connector_length: Small = key(20e-3, "length of the tab beyond the weld")
 
     @property
     def drawn_grain(self) -> float | None:

@@ -7,11 +7,9 @@ from typing import Annotated
 
 from toros_fem.base.keys import In, Number, OneOf, Stretch, Table, key
 
-# Branches of the load cycles of a test, losses of residuals with scipy's names, and sources of
-# intervals.
+# Branches of the load cycles of a test, and losses of residuals with scipy's names.
 BRANCHES = ("last-loading", "first-loading", "last-unloading", "all")
 LOSSES = {"soft-l1": "soft_l1", "huber": "huber", "squares": "linear"}
-INTERVALS = ("bootstrap", "hessian")
 # What extension without force is, and force without extension.
 STARTS = ("auto", "slack", "set", "none")
 OFFSETS = ("ask", "preload", "untared")
@@ -36,11 +34,10 @@ class FitOptions(Table):
     loss: Annotated[str, OneOf(tuple(LOSSES))] = key(
         "soft-l1", "loss of the residuals; the first two bound what an outlier counts"
     )
-    intervals: Annotated[str, OneOf(INTERVALS)] = key(
-        "bootstrap", "source of the 95 % intervals: tests drawn again, or the curvature of the loss"
+    draws: Annotated[int, In(at_least=40, at_most=100000)] = key(
+        400, "times that the tests are drawn again, for the 95 % intervals"
     )
-    draws: Annotated[int, In(at_least=40, at_most=100000)] = key(400, "draws of the bootstrap")
-    seed: Number = key(0, "seed of the bootstrap")
+    seed: Number = key(0, "seed of these draws")
     points: Annotated[int, In(at_least=10, at_most=10000)] = key(
         60, "points that each curve is averaged to, even over the stretch"
     )

@@ -18,7 +18,7 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.results.console import ProgressBar, header, line, print_line
 from toros_fem.results.frames.files import FOLDER, forget_from, rename
 from toros_fem.results.frames.record import gathered_frame, write_step
-from toros_fem.results.runs.folder import require_open
+from toros_fem.results.runs.folder import begin_folder
 
 
 class DesignReporter(AbstractContextManager["DesignReporter"]):
@@ -31,11 +31,11 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
         attempt: Number of the attempt at the design whose shapes are recorded; the first one is 0.
 
     Raises:
-        OutputError: The folder cannot be made or written to; here and in each call. It holds a run
-            that is not open.
+        OutputError: The folder cannot be made or written to; here and in each call.
+        OutputError: It is neither empty nor that of an open run, and not to be overwritten.
     """
 
-    def __init__(self, comm: MPI.Comm, folder: str | Path) -> None:
+    def __init__(self, comm: MPI.Comm, folder: str | Path, *, overwrite: bool = False) -> None:
         require_kind("folder", folder, (str, Path), "the path of a folder")
         self._begin = time.perf_counter()
         self._comm, self._folder = comm, Path(folder)
@@ -43,7 +43,7 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
         self._rows: list[Iteration] = []
         self._bar = ProgressBar()
         self.attempt = 0
-        guarded(comm, self._folder, lambda: require_open(self._folder))
+        begin_folder(comm, self._folder, overwrite=overwrite)
 
     def expect(self, iterations: int) -> None:
         """Set the planned number of steps, all of the run so far included, for the bar."""

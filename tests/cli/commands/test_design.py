@@ -78,7 +78,7 @@ def test_what_is_refused_leaves_a_good_run_as_it_was(
     shutil.copytree(good, folder)
     (folder / "print_9.stl").write_text("mine")
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    simulate = ["simulate", str(scene), "--output", str(folder), *changes()]
+    simulate = ["simulate", str(scene), "--output", str(folder), "--overwrite", *changes()]
     design = ["design", *simulate[1:]]
     for words, code in (
         ([*simulate, "--pattern", str(scene)], 2),

@@ -1,23 +1,18 @@
 """`toros fit`: constants, report and picture of tests in files."""
 
-import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.scenes import ROOT
-from helpers.tensile_tests import JERSEY, pulled_sheet, synthetic
+from helpers.tensile_tests import JERSEY, synthetic
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
 from toros_fem.materials.library.files import read_library
-from toros_fem.products.fitting import strip
-from toros_fem.products.tiles.printed_tile import write_tile
-from toros_fem.products.tiles.pulled_sheet import cross_tile
 
 DATA = ROOT / "examples" / "stockinette.csv"
-FAST = ("--intervals", "hessian")
+FAST = ("--draws", "40")
 
 
 def jersey_file(comm: MPI.Comm, folder: Path) -> Path:
@@ -52,7 +47,7 @@ def test_a_doubtful_entry_says_so(
 ) -> None:
     """A preload is refused until it is told; a fraction under % is in doubt until it is told."""
     data, library = ROOT / "tests" / "data" / "tensile", tmp_path / "mine.toml"
-    words = ["--thickness", "0.5 mm", "--output", str(tmp_path / "fit"), *FAST]
+    words = ["--thickness", "0.5 mm", "--output", str(tmp_path / "fit"), "--overwrite", *FAST]
     words += ["--name", "a", "--library", str(library)]
     assert run(alone, ["fit", str(data / "preload.csv"), *words]) == 2
     assert "--offset preload" in capsys.readouterr().err
@@ -67,55 +62,12 @@ def test_a_doubtful_entry_says_so(
     assert "no column is named 'lateral'" in capsys.readouterr().err
 
 
-def test_clamped_strip(alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its clamps are as far apart as the gauge length, and it is as wide as is said."""
-    strips = []
-
-    def noted(comm: MPI.Comm, length: float, width: float) -> None:
-        strips.append((length, width))
-
-    monkeypatch.setattr(strip, "ClampedStrip", noted)
-    words = ["fit", str(jersey_file(alone, tmp_path)), "--thickness", "0.5 mm", *FAST]
-    words += ["--output", str(tmp_path / "fit"), "--clamped"]
-    assert run(alone, [*words, "--gauge-length", "5 cm", "--width", "25 mm"]) == 0
-    assert strips == [pytest.approx((0.05, 0.025))]
-
-
-@pytest.mark.slow
-def test_moduli_of_a_printed_sheet(
-    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Data of the sheet's own moduli, which are found again."""
-    tile = replace(cross_tile(), edge_length=2e-3)
-    path = tmp_path / "sheet.csv"
-    strains: np.ndarray = np.linspace(0.02, 0.1, 5)
-    test = pulled_sheet(alone, tile, np.ones(2), strains)
-    write_tile(tmp_path, tile)
-    assert test.lateral is not None
-    columns = zip(strains, test.stress, test.lateral, strict=True)
-    rows = "".join(f"{e},{1e-3 * p},{w}\n" for e, p, w in columns)
-    path.write_text(f"strain,stress [N/mm],lateral stretch\n{rows}")
-    words = ["fit", str(path), "--tile", str(tmp_path), "--along", "2", "--across", "1"]
-    words += ["--direction", "x"]
-    assert run(alone, [*words, "--output", str(tmp_path / "fit"), "--json"]) == 0
-    found = capsys.readouterr().out
-    figures = json.loads(found)
-    assert set(figures["estimates"]) == {"fabric", "reinforcement"}
-    assert figures["r2_stress"] > 0.999
-    assert figures["inputs"]["intervals"] == "hessian", "of the curvature, whatever is asked for"
-    young = figures["estimates"]["reinforcement"]["value"]
-    assert young == pytest.approx(tile.composite.reinforcement.young, rel=0.01)
-    assert "E of the reinforcement" in (tmp_path / "fit" / "fit.txt").read_text()
-    assert run(alone, [*words, "--clamped"]) == 2
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (("--thickness", "3 mm", "--direction", "z"), "directions 'x', 'y'"),
         (("--thickness", "3 kPa"), "a length is needed"),
         (("--thickness", "3 mm", "--name", "a"), "belong together"),
-        (("--thickness", "3 mm", "--clamped", "--width", "1 cm"), "--clamped needs"),
         (("--thickness", "3 mm", "--unit", "force"), "must be COLUMN=UNIT"),
         (("--thickness", "3 mm", "--unit", "force=lb"), "known are N"),
         (("--thickness", "3 mm", "--column", "time=t"), "must be COLUMN=NAME"),

@@ -29,7 +29,7 @@ def fitted(
     """The fit of a test, with noise as a part of the largest stress."""
     rng = np.random.default_rng(seed)
     stress = stress + noise * stress.max() * rng.standard_normal(len(stress))
-    how = FitOptions(intervals="hessian").updated(**options)
+    how = FitOptions(draws=40).updated(**options)
     return fit_material([TensileTest(1 + strain, stress, JERSEY.thickness)], how)
 
 
@@ -52,7 +52,7 @@ def test_damaged_files(name: str, options: dict[str, str]) -> None:
     """All have E h = 50.3 N/m and c₁ = 1.90 of the whole one."""
     given = Given(thickness=0.5e-3, width=25e-3, gauge_length=0.1)
     tests = read_tensile_tests([DATA / "tensile" / f"{name}.csv"], given)
-    found = fit_material(tests, FitOptions(intervals="hessian").updated(**options))
+    found = fit_material(tests, FitOptions(draws=40).updated(**options))
     assert found.material.membrane_stiffness == pytest.approx(50.3, rel=0.01)
     assert found.c1 == pytest.approx(1.90, rel=0.01)
     doubted = name == "strain_fraction_as_pct"
@@ -152,7 +152,7 @@ def test_whole_tests_are_taken_as_they_are() -> None:
     for noise in NOISES:
         found = [fitted(strain, law(strain), noise, seed) for seed in range(5)]
         assert not any(one.taken or one.doubted for one in found)
-        held = sum(JERSEY.young * (1 + 1e-6) >= one.estimates["young"].low for one in found)
+        held = sum(JERSEY.young * (1 + 1e-4) >= one.estimates["young"].low for one in found)
         assert held >= 4
 
 
@@ -164,7 +164,7 @@ def test_bad_fits_and_unlike_specimens_are_doubted() -> None:
         TensileTest(1 + strain, np.asarray(k * law(strain)), JERSEY.thickness, specimen=str(k))
         for k in (1.0, 1.5)
     ]
-    apart = fit_material(tests, FitOptions(intervals="hessian"))
+    apart = fit_material(tests, FitOptions(draws=40))
     assert any("the specimens differ by 40%" in text for text in apart.doubted)
     entry = library_entry(apart, "a")
     assert entry.trust == "doubted"

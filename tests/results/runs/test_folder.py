@@ -1,16 +1,15 @@
-"""A run's folder: its lock, files of earlier runs, what can be resumed and what cannot."""
+"""A run's folder: its lock, what is overwritten and what stays, what can be resumed or cannot."""
 
 import json
-import logging
 import os
 import signal
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import shared
+import shapely
+from helpers.scenes import shared, square
 from mpi4py import MPI
 
 from toros_fem.base.archive import Archive
@@ -22,20 +21,21 @@ from toros_fem.base.errors import (
     RunStoppedError,
 )
 from toros_fem.base.files import (
-    LISTED,
     UNFINISHED,
     guarded,
     if_possible,
-    listed,
-    listing,
     replace_file,
     write_json,
 )
+from toros_fem.making.sheets.manifest import FORMAT, NAME
+from toros_fem.making.sheets.write import write_manufacture
 from toros_fem.results.reporter import DesignReporter
-from toros_fem.results.runs.folder import FREE, open_run, read_record, run_of
-from toros_fem.results.runs.lock import NAME, FolderLock
+from toros_fem.results.runs.folder import FREE, open_run, read_record, require_open, run_of
+from toros_fem.results.runs.lock import NAME as LOCK
+from toros_fem.results.runs.lock import FolderLock
 
 INPUTS = {"length": 0.1, "name": "tube"}
+SQUARE = square()
 
 
 STATE = Archive("checkpoint", {"x": np.array([0.0, 1.0, 4.0])}, {"count": 1})
@@ -153,166 +153,150 @@ def test_branches_are_found_again(comm: MPI.Comm, folder: Path) -> None:
         assert journal.branch("polish") is journal.branch("polish")
 
 
-def test_files_of_earlier_runs_are_moved_aside(
-    comm: MPI.Comm, folder: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def plant(folder: Path, outside: Path) -> dict[Path, bytes | Path]:
+    """Put files and links of a person among those of a run; return what each is."""
+    outside.mkdir(exist_ok=True)
+    (outside / "print-000000.npz").write_text("mine")
+    for name in ("notes.txt", "frames/my.npz", "manufacture/cut_7.svg", "state/my.txt", "own/a"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("mine")
+    (folder / "link").symlink_to(outside)
+    (folder / "frames" / "link").symlink_to(outside)
+    return {path: path.readlink() if path.is_symlink() else path.read_bytes()
+            for path in (*folder.rglob("*"), *outside.rglob("*"))
+            if path.is_symlink() or (path.is_file() and path.read_bytes() == b"mine")}  # fmt: skip
+
+
+def stays(planted: dict[Path, bytes | Path]) -> None:
+    for path, content in planted.items():
+        assert (path.readlink() if path.is_symlink() else path.read_bytes()) == content, path
+
+
+def test_a_folder_that_is_not_empty_is_refused(comm: MPI.Comm, folder: Path) -> None:
+    """Also to be overwritten, where it holds no run; nothing is written there."""
     if comm.rank == 0:
         folder.mkdir()
         (folder / "finger.stl").write_text("my own")
     comm.barrier()
-    for count, finished in enumerate((True, False, True)):
-        caplog.clear()
-        with caplog.at_level(logging.WARNING):
-            leave(comm, folder, finished=finished)
-        earlier = {f"earlier-{k}" for k in range(1, count + 1)}
-        results = {"summary.json", "state", "scene.toml"}
-        assert names(folder) - {NAME, LISTED} == {"finger.stl", *earlier, *results}
-        if count:
-            assert names(folder / f"earlier-{count}") == {*results, LISTED}
-        if comm.rank == 0:
-            assert len(caplog.messages) == (count > 0)
-            assert ("not finished" in caplog.text) == (count == 2)
-        comm.barrier()
-    with open_run(comm, folder / "earlier-2", INPUTS, resume=True) as run:
-        assert run.journal(run.folder).entry(comm, "loop").saved() is not None
+    for overwrite, words in ((False, "is not empty"), (True, "holds no run that could be over")):
+        with pytest.raises(OutputError, match=words):
+            open_run(comm, folder, INPUTS, overwrite=overwrite)
+        with pytest.raises(OutputError, match=words):
+            DesignReporter(comm, folder, overwrite=overwrite)
+    assert names(folder) == {"finger.stl"}
 
 
-def test_a_run_inside_another_folder_of_ours_has_its_own_list(comm: MPI.Comm, folder: Path) -> None:
-    """A study keeps its runs in folders of its own; each of them can be run again."""
-    inside = folder / "one"
-    guarded(comm, folder, lambda: replace_file(folder / "study.csv", b"a\n"))
-    leave(comm, inside, finished=True)
-    leave(comm, inside, finished=True)
-    assert {"earlier-1", "scene.toml", "summary.json"} <= names(inside)
-    assert "one" not in (folder / LISTED).read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("name", ["scene.toml", "summary.json", "frames", "state/1.npz"])
-def test_files_that_no_run_listed_are_never_replaced(
-    comm: MPI.Comm, folder: Path, name: str
-) -> None:
-    """With the name of a file of runs they bar the folder, before anything is done to it."""
-    path = folder / name
-    if comm.rank == 0:
-        path.parent.mkdir(parents=True)
-        path.write_text("mine")
-    comm.barrier()
-    with pytest.raises(OutputError, match=f"has {name.partition('/')[0]}, which no run listed"):
-        open_run(comm, folder, INPUTS, scene="# mine\n")
-    assert names(folder) - {NAME} == {name.partition("/")[0]}
-    assert path.read_text() == "mine"
-
-
-def test_files_beside_those_of_a_run_stay(comm: MPI.Comm, folder: Path) -> None:
-    """Also inside its folders, and those that came while it ran."""
-    mine = {"print_9.stl", "cut_7.svg", "frames/my.txt", "manufacture/print_9.stl", "notes"}
-    for count in range(2):
-        with open_run(comm, folder, INPUTS):
-            if comm.rank == 0:
-                for name in mine:
-                    (folder / name).parent.mkdir(exist_ok=True)
-                    (folder / name).write_text("mine")
-            for name in ("frames/print-0.npz", "manufacture/print_1.stl"):
-                replace = partial(replace_file, folder / name, b"ours")
-                guarded(comm, folder, replace)
-        earlier = folder / "earlier-1"
-        assert earlier.exists() == (count > 0)
-        for name in mine:
-            assert (folder / name).read_text() == "mine"
-    found = {path.relative_to(earlier).as_posix() for path in earlier.rglob("*") if path.is_file()}
-    assert found - {LISTED, "state/run.json"} == {"frames/print-0.npz", "manufacture/print_1.stl"}
-    comm.barrier()
-    with (
-        pytest.raises(OutputError, match=r"notes is there, and \.toros_files does not list it"),
-        open_run(comm, folder, INPUTS),
-    ):
-        guarded(comm, folder, lambda: replace_file(folder / "notes", b"ours"))
-    comm.barrier()
-    assert (folder / "notes").read_text() == "mine"
-    assert not (folder / "earlier-2").exists()
-    assert read_record(comm, folder)[0].finished, "the earlier run is back"
-
-
-def test_a_run_that_ends_before_it_writes_leaves_the_earlier_one(
-    comm: MPI.Comm, folder: Path
-) -> None:
+def test_a_run_is_overwritten_by_its_names_alone(comm: MPI.Comm, folder: Path) -> None:
+    """What a person put beside its files and into its folders stays, links unfollowed."""
     leave(comm, folder, finished=True)
-    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    outside, planted = folder.parent / "outside", {}
+    if comm.rank == 0:
+        planted = plant(folder, outside)
+        for name in ("frames/print-000000.npz", "state/seed-1.000.npz", "curve.csv"):
+            (folder / name).write_text("of the run")
+        (folder / "shape.png").symlink_to(outside / "print-000000.npz")
     comm.barrier()
-    with pytest.raises(ParameterError), open_run(comm, folder, {"length": 0.2}, scene="# new\n"):  # noqa: PT012
-        assert names(folder / "earlier-1") == {"summary.json", "state", "scene.toml", LISTED}
+    with pytest.raises(OutputError, match="is not empty.* by --overwrite; nothing was done"):
+        open_run(comm, folder, INPUTS)
+    with open_run(comm, folder, {"length": 0.2}, scene="# new\n", overwrite=True):
+        stays(planted)
+        there = {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+        gone = {"frames/print-000000.npz", "state/seed-1.000.npz", "curve.csv", "shape.png"}
+        assert not there & {*gone, "summary.json", "state/000.npz"}
         comm.barrier()
-        raise ParameterError("wrong")
-    comm.barrier()
-    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
-    comm.barrier()
-    with pytest.raises(ParameterError), open_run(comm, folder, {"length": 0.2}) as run:  # noqa: PT012
-        run.journal(folder).entry(comm, "loop").offer(lambda: STATE, last=False)
-        raise ParameterError("later")
-    comm.barrier()
-    assert (folder / "earlier-1" / "summary.json").exists()
-    assert not read_record(comm, folder)[0].finished, "it can go on"
+    assert read_record(comm, folder)[0].inputs == {"length": 0.2}
+    assert (folder / "scene.toml").read_text() == "# new\n"
+    stays(planted)
 
 
-def test_a_folder_that_was_moved_in_part_is_moved_again(
+def test_machine_files_are_removed_as_they_were_made(alone: MPI.Comm, tmp_path: Path) -> None:
+    """One that was changed bars the folder, before anything is removed."""
+    leave(alone, tmp_path, finished=True)
+    place = tmp_path / "manufacture"
+    write_manufacture(place, SQUARE, [shapely.box(0.005, 0.005, 0.01, 0.01)])
+    (place / "cut_1.svg").write_text("mine")
+    with pytest.raises(FileError, match=r"has cut_1\.svg, .* which changed since"):
+        open_run(alone, tmp_path, INPUTS, overwrite=True)
+    assert (tmp_path / "summary.json").exists()
+    (place / "cut_1.svg").rename(place / "mine.svg")
+    with open_run(alone, tmp_path, INPUTS, overwrite=True):
+        assert names(place) == {"mine.svg"}
+
+
+def test_a_hostile_manifest_removes_nothing_elsewhere(alone: MPI.Comm, tmp_path: Path) -> None:
+    folder, victim = tmp_path / "run", tmp_path / "victim.txt"
+    leave(alone, folder, finished=True)
+    victim.write_text("mine")
+    (folder / "manufacture").mkdir()
+    names = ["../../victim.txt", str(victim)]
+    content = {"format": FORMAT, "others": names, "files": [{"name": one} for one in names]}
+    write_json(folder / "manufacture" / NAME, content)
+    with open_run(alone, folder, INPUTS, overwrite=True):
+        assert victim.read_text() == "mine"
+
+
+def test_a_folder_that_was_removed_in_part_is_overwritten_again(
     alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = tmp_path / "run"
-    leave(alone, folder, finished=True)
-    rename, count = Path.rename, [0]
+    leave(alone, tmp_path, finished=True)
+    unlink, count = Path.unlink, [0]
 
-    def once(one: Path, other: Path) -> Path:
+    def once(path: Path, missing_ok: bool = False) -> None:
         count[0] += 1
         if count[0] == 2:
             raise OSError("gone")
-        return rename(one, other)
+        unlink(path, missing_ok)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "rename", once)
+        patch.setattr(Path, "unlink", once)
         with pytest.raises(OutputError, match="gone"):
-            open_run(alone, folder, INPUTS)
-    with open_run(alone, folder, INPUTS):
-        pass
-    found = {path.name for path in folder.rglob("*") if path.is_file()}
-    assert {"summary.json", "scene.toml"} <= found
+            open_run(alone, tmp_path, INPUTS, overwrite=True)
+    with open_run(alone, tmp_path, INPUTS, overwrite=True):
+        assert names(tmp_path) == {LOCK, "state"}
 
 
-LINKS = [NAME, LISTED, "summary.json", "state", "scene.toml"]
+@pytest.mark.parametrize("name", ["state", "frames", "manufacture"])
+def test_nothing_is_written_through_a_linked_folder(
+    alone: MPI.Comm, tmp_path: Path, name: str
+) -> None:
+    folder, outside = tmp_path / "run", tmp_path / "outside"
+    leave(alone, folder, finished=False)
+    if name == "state":
+        (folder / name).rename(outside)
+    else:
+        outside.mkdir()
+    (folder / name).symlink_to(outside)
+    before = names(outside)
+    ways: list[dict[str, Any]] = [{"resume": True}, {"overwrite": True}]
+    for how in ways:
+        with pytest.raises(OutputError, match=f"{name} is a link, through which"):
+            open_run(alone, folder, INPUTS, **how)
+    assert names(outside) == before
+    assert (folder / "summary.json").exists()
 
 
-@pytest.mark.parametrize("name", LINKS)
-def test_nothing_is_written_through_a_link(comm: MPI.Comm, folder: Path, name: str) -> None:
+def test_no_file_is_written_through_a_link(comm: MPI.Comm, folder: Path) -> None:
+    """The link's name is taken; what it points at stays."""
     other = folder.parent / "other"
-    if comm.rank == 0:
-        folder.mkdir()
-        other.write_text("mine")
-        (folder / name).symlink_to(other)
-    comm.barrier()
-    words = "cannot be used|no lock|no run listed|is no plain file"
-    with pytest.raises(OutputError, match=words):
-        open_run(comm, folder, INPUTS, scene="# mine\n")
-    assert other.read_text() == "mine"
-    comm.barrier()
-    if comm.rank == 0:
-        (folder / name).unlink()
-    comm.barrier()
     leave(comm, folder, finished=True)
     if comm.rank == 0:
-        (folder / "summary.json").unlink()
-        (folder / "summary.json").symlink_to(other)
-        (folder / "summary.json.unfinished").symlink_to(other)
+        other.write_text("mine")
+        for name in ("summary.json", "summary.json.unfinished"):
+            (folder / name).unlink(missing_ok=True)
+            (folder / name).symlink_to(other)
     guarded(comm, folder, lambda: write_json(folder / "summary.json", {}))
     assert other.read_text() == "mine"
     assert not (folder / "summary.json").is_symlink()
 
 
-@pytest.mark.parametrize("kind", ["hard link", "file", "pipe", "folder"])
+@pytest.mark.parametrize("kind", ["link", "hard link", "file", "pipe", "folder"])
 def test_a_lock_of_somebody_else_is_left_alone(tmp_path: Path, kind: str) -> None:
     folder = tmp_path / "run"
-    path, other = folder / NAME, folder / "other"
+    path, other = folder / LOCK, folder / "other"
     folder.mkdir()
     other.write_text("mine")
     {
+        "link": lambda: path.symlink_to(other),
         "hard link": lambda: path.hardlink_to(other),
         "file": lambda: path.write_text("mine"),
         "pipe": lambda: os.mkfifo(path),
@@ -368,10 +352,11 @@ def test_damaged_and_newer_records_are_told(
         changed = json.dumps({**json.loads(text), **change})
         record.write_text(changed)
     comm.barrier()
-    for resume in (True, False):
+    ways: list[dict[str, Any]] = [{"resume": True}, {"overwrite": True}]
+    for how in ways:
         with pytest.raises(CheckpointError, match=message):
-            open_run(comm, folder, INPUTS, resume=resume)
-    assert (folder / "summary.json").exists(), "nothing was moved"
+            open_run(comm, folder, INPUTS, **how)
+    assert (folder / "summary.json").exists(), "nothing was removed"
 
 
 def test_every_kth_state_is_written(comm: MPI.Comm, folder: Path) -> None:
@@ -472,7 +457,10 @@ def test_a_stop_that_another_error_hides_is_a_stop(alone: MPI.Comm, tmp_path: Pa
     folder = tmp_path / "run"
     with open_run(alone, folder, {"a": 1}):
         pass
-    with pytest.raises(RunStoppedError, match="SIGTERM"), open_run(alone, folder, {"a": 2}):  # noqa: PT012
+    with (  # noqa: PT012
+        pytest.raises(RunStoppedError, match="SIGTERM"),
+        open_run(alone, folder, {"a": 2}, overwrite=True),
+    ):
         try:
             os.kill(os.getpid(), signal.SIGTERM)
         except BaseException as error:
@@ -481,59 +469,24 @@ def test_a_stop_that_another_error_hides_is_a_stop(alone: MPI.Comm, tmp_path: Pa
         pass
 
 
-def test_a_list_names_files_of_its_folder_alone(alone: MPI.Comm, tmp_path: Path) -> None:
-    victim, folder = tmp_path / "victim.txt", tmp_path / "run"
-    folder.mkdir()
-    victim.write_text("mine")
-    (folder / LISTED).write_text(f"../victim.txt\n{victim}\n")
-    with open_run(alone, folder, INPUTS):
-        pass
-    assert victim.read_text() == "mine"
-    assert listed(folder).keys() & {"../victim.txt", str(victim)} == set()
-
-
-@pytest.mark.parametrize("kind", ["pipe", "link", "endless", "long"])
-def test_a_list_that_is_no_plain_file_is_refused(
-    alone: MPI.Comm, tmp_path: Path, kind: str
-) -> None:
-    path = tmp_path / LISTED
-    if kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "long":
-        path.write_text("x" * 1_000_001)
-    else:
-        path.symlink_to("/dev/zero" if kind == "endless" else tmp_path / "other")
-    with pytest.raises(OutputError, match="is no plain file, or too large"):
-        open_run(alone, tmp_path, INPUTS)
-
-
-def test_nothing_is_written_through_a_linked_folder(alone: MPI.Comm, tmp_path: Path) -> None:
-    folder, outside = tmp_path / "run", tmp_path / "outside"
-    folder.mkdir()
-    outside.mkdir()
-    (folder / "frames").symlink_to(outside)
-    with pytest.raises(OutputError, match="has frames, which no run listed"):
-        open_run(alone, folder, INPUTS)
-    (folder / LISTED).write_text("manufacture\n")
-    (folder / "manufacture").symlink_to(outside)
-    with listing(folder), pytest.raises(OutputError, match="is a link, through which print_1.stl"):
-        replace_file(folder / "manufacture" / "print_1.stl", b"x")
-    assert not any(outside.iterdir())
-
-
 def test_a_finished_run_is_no_folder_for_other_results(comm: MPI.Comm, folder: Path) -> None:
-    """A script that writes there moves it aside, or is refused before it has written anything."""
+    """A script that writes there overwrites it, or is refused before it has written anything."""
     leave(comm, folder, finished=True)
+    with pytest.raises(OutputError, match="is not empty"):
+        DesignReporter(comm, folder)
     with pytest.raises(OutputError, match="holds a run, whose files would be replaced"):
+        guarded(comm, folder, lambda: require_open(folder))
+    with open_run(comm, folder, INPUTS, overwrite=True):
         DesignReporter(comm, folder)
-    with open_run(comm, folder, INPUTS):
-        DesignReporter(comm, folder)
+    DesignReporter(comm, folder, overwrite=True)
+    guarded(comm, folder, lambda: require_open(folder))
 
 
 def test_what_a_killed_process_was_writing_goes(alone: MPI.Comm, tmp_path: Path) -> None:
-    left = [tmp_path / f".1{UNFINISHED}", tmp_path / "frames" / f".2{UNFINISHED}"]
-    left[1].parent.mkdir()
+    (tmp_path / "state").mkdir()
     for resume in (False, True):
+        left = [tmp_path / f".1{UNFINISHED}"]
+        left += [tmp_path / "state" / f".2{UNFINISHED}"] if resume else []
         for path in left:
             path.write_text("half")
         with (  # noqa: PT012

@@ -13,7 +13,7 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.errors import CheckpointError, FileError
-from toros_fem.base.files import if_plotting, is_listed
+from toros_fem.base.files import if_plotting
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.program import program
 from toros_fem.cli.command_line.command import Answer
@@ -25,7 +25,7 @@ from toros_fem.products.kinds import KINDS
 from toros_fem.products.plausibility import doubts, warn_of_doubts
 from toros_fem.results.report.page_file import write_report
 from toros_fem.results.report.tables import as_text
-from toros_fem.results.runs.files import SCENE
+from toros_fem.results.runs.files import SCENE, files_of_run
 from toros_fem.results.runs.folder import FREE, open_run, read_record
 from toros_fem.results.runs.run_folder import read_run
 from toros_fem.results.runs.summary_file import read_content
@@ -64,22 +64,27 @@ def run_scene(
     every: int,
     verbose: bool,
     resume: bool = False,
+    overwrite: bool = False,
 ) -> Answer:
     """Design or simulate a scene in a run folder, by the name of the action (collective).
 
     Raises:
-        UsageError: The kind of the scene has no such action, or its run would move a file aside
-            that it reads.
+        UsageError: The kind of the scene has no such action, or its run would remove a file that it
+            reads.
         TorosError: As of `open_run` and of the action.
     """
     files = _taken(scene, name)
     action = getattr(scene.config, _ACTIONS[name][0])
-    on_first_rank(comm, lambda: _require_apart(folder, files))
+    if overwrite:
+        on_first_rank(comm, lambda: _require_apart(folder, files))
     inputs = on_first_rank(comm, lambda: inputs_of(scene, name))
     text = scene_text(scene.config, files, scene.materials)
     with scene.located():  # what is impossible is refused before a folder is touched
         doubts(scene.config, simulated=name == "simulate")
-    with scene.located(), open_run(comm, folder, inputs, scene=text, resume=resume, every=every):
+    with (
+        scene.located(),
+        open_run(comm, folder, inputs, scene=text, resume=resume, overwrite=overwrite, every=every),
+    ):
         if resume:
             log.info("the run in %s goes on", folder)
         if name == "simulate":  # a design warns by itself
@@ -133,6 +138,10 @@ def resume_scene(
     """
     record, text = read_record(comm, folder)
     name = record.inputs.get("command")
+    if text is None and name in _ACTIONS:
+        raise CheckpointError(
+            f"{folder / SCENE} is missing. Start the run anew by toros {name} --overwrite."
+        )
     if text is None or name not in _ACTIONS:
         raise CheckpointError(
             f"the run in {folder} was not made by `toros design` or `toros simulate`. Resume it "
@@ -159,11 +168,12 @@ def resume_scene(
 
 
 def _require_apart(folder: Path, files: Mapping[str, Path]) -> None:
-    """Check that no file of a scene belongs to the run whose place its own run takes."""
+    """Check that no file of a scene belongs to the run that is overwritten (one rank)."""
+    own = {folder.resolve(), *(path.resolve() for path in files_of_run(folder))}
     for name, path in files.items():
-        if path == folder.resolve() or is_listed(folder.resolve(), path):
+        if path in own:
             raise UsageError(
-                f"{name} = {path} belongs to the run in {folder}, which would be moved aside. "
+                f"{name} = {path} belongs to the run in {folder}, which would be removed. "
                 "Choose another --output."
             )
 

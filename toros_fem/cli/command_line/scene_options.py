@@ -101,8 +101,11 @@ class RunCommand(SceneCommand, Progress):
 
     output: Path | None = key(
         None,
-        "folder of the run, made if missing; files of an earlier run in it are moved aside; none: "
-        'named after the file, for a simulation with "-simulated"',
+        "folder of the run, made if missing, and refused if it is not empty; none: named after the "
+        'file, for a simulation with "-simulated"',
+    )
+    overwrite: bool = key(
+        False, "replace the run in the folder: its own files are removed, all others stay"
     )
     metric: tuple[str, ...] = key(
         (),
@@ -143,4 +146,12 @@ class RunCommand(SceneCommand, Progress):
         with self.meshes_allowed(), self.petsc_given():
             own = f"{self.file.stem}-simulated" if name == "simulate" else self.file.stem
             folder = self.output or Path(own)
-            return run_scene(comm, scene, name, folder, every=self.every, verbose=self.verbose)
+            return run_scene(
+                comm,
+                scene,
+                name,
+                folder,
+                overwrite=self.overwrite,
+                every=self.every,
+                verbose=self.verbose,
+            )

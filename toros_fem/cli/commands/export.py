@@ -27,7 +27,7 @@ class Export(Command, ManufactureOptions):
     """Writes the files for printer and cutter again.
 
     From the print that a design stores (print.npz): print_1.3mf and .stl for the printer's bed,
-    cut_1.svg and .dxf for the cutter, and so on for each bed and sheet; bladder.svg and .dxf;
+    cut_1.svg and .dxf for the cutter, and so on for each bed and sheet;
     manufacture.json with all of their content; and make_it.html, which shows how to make the
     skin. The print is as high as the design takes it to be, unless --layer-height says
     otherwise. Also pattern.svg, pattern.npz, print.npz, and pattern.png with islands, narrow

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import Count, Length, OneOf, Table, key
+from toros_fem.base.files import require_unused
+from toros_fem.base.keys import Length, OneOf, Table, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.products.options import FitOptions
 
 if TYPE_CHECKING:
-    from toros_fem.products.fitting.result import Fit as Fitted
     from toros_fem.products.fitting.result import FitResult
     from toros_fem.products.fitting.tensile_test import TensileTest
 
@@ -32,19 +32,6 @@ class _Entry(Table):
     kind: Annotated[str, OneOf(("fabric", "print"))] = key("fabric", "what it is")
     with_fabric: bool = key(False, "a print was tested together with its fabric")
     source: str | None = key(None, "where it comes from; none: the specimens")
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Sheet(Table):
-    """Test of a sheet of printed tiles."""
-
-    tile: Path | None = key(
-        None,
-        "folder of the printed tile, tile.npz; the moduli of fabric and print are fitted to tests "
-        "along its x or y",
-    )
-    along: Count = key(10, "tiles along the pull")
-    across: Count = key(5, "tiles across the pull")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,15 +54,10 @@ class _Unsaid(Table):
         "name of a column by what it holds, 'force=Channel 3', as often as needed; none: by the "
         "known names",
     )
-    clamped: bool = key(
-        False,
-        "simulate the strip between its clamps, which hold its width: the stretch is that of their "
-        "distance, --gauge-length; needs --width too",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
+class Fit(Command, FitOptions, _Entry, _Unsaid):
     """Fits a material to tensile tests.
 
     CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), with 95 %
@@ -87,6 +69,7 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
 
     data: tuple[Path, ...] = key(MISSING, "files of the tests, in CSV")
     output: Path = key(Path("fit"), "folder for the report, made if missing")
+    overwrite: bool = key(False, "replace files of these names in the folder; all others stay")
 
     WORDS: ClassVar = ("data",)
     TAKES: ClassVar = {
@@ -95,78 +78,50 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
         "library": "FILE",
         "kind": "KIND",
         "output": "FOLDER",
-        "tile": "FOLDER",
         "source": "TEXT",
     }
     EXAMPLES: ClassVar = (
         "toros fit jersey.csv --thickness '0.5 mm'",
         "toros fit jersey.csv --thickness '0.5 mm' --name my-jersey --library mine.toml",
-        "toros fit sheet.csv --tile run --along 10 --across 5 --width '50 mm'",
         "toros fit course.csv wale.csv --width '25 mm' --thickness '0.5 mm' --output jersey",
     )
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Fit, and write the report and the entry (collective)."""
-        from toros_fem.products.fitting.report import fit_table, write_fit
-        from toros_fem.products.fitting.result import FitResult
+        from toros_fem.products.fitting.report import FILES, fit_table, write_fit
 
         if (self.name is None) != (self.library is None):
             raise UsageError("--name and --library belong together: give both, or none.")
-        result = self._material(comm) if self.tile is None else self._moduli(comm, self.tile)
+        unused = partial(require_unused, self.output, FILES, overwrite=self.overwrite)
+        on_first_rank(comm, unused)
+        result = on_first_rank(comm, self._material)
         write_fit(comm, self.output, result)
         text = f"{fit_table(result)}\nsee {self.output}/"
         if self.name is not None:
             text += f"; {self.name} is in {self.library}"
-            if isinstance(result, FitResult) and result.doubted:
-                text += ', marked as "doubted"'
-        entry = {"library": self.library} if self.tile is None else {}
-        return Answer(text, {"folder": self.output, **entry, **result.summary()})
+            text += ', marked as "doubted"' if result.doubted else ""
+        return Answer(text, {"folder": self.output, "library": self.library, **result.summary()})
 
-    def _material(self, comm: MPI.Comm) -> FitResult:
-        """Return constants, and write them where a name asks for it."""
+    def _material(self) -> FitResult:
+        """Return constants, and write them where a name asks for it (one rank)."""
         from toros_fem.materials.library.files import write_material
         from toros_fem.products.fitting.fit import fit_material
         from toros_fem.products.fitting.report import library_entry
-        from toros_fem.products.fitting.strip import ClampedStrip
 
-        tests, how = on_first_rank(comm, self._tests), self.updating(FitOptions())
-        if not self.clamped:
-            result = on_first_rank(comm, lambda: fit_material(tests, how))
-        elif self.gauge_length is None or self.width is None:
-            raise UsageError("--clamped needs --gauge-length, the clamps' distance, and --width.")
-        else:
-            strip = ClampedStrip(comm, self.gauge_length, self.width)
-            result = fit_material(tests, how, strip)
+        result = fit_material(self._tests(), self.updating(FitOptions()))
         if self.name is not None and self.library is not None:
             said = {name: getattr(self, name) for name in ("kind", "with_fabric", "source")}
-            entry = library_entry(result, self.name, **said)
-            on_first_rank(comm, partial(write_material, self.library, entry))
+            write_material(self.library, library_entry(result, self.name, **said))
         return result
 
-    def _moduli(self, comm: MPI.Comm, folder: Path) -> Fitted:
-        """Return the moduli of fabric and print of a sheet of tiles."""
-        from toros_fem.products.fitting.sheet_fit import fit_printed_sheet
-        from toros_fem.products.tiles.printed_tile import read_tile
-
-        if self.name is not None or self.clamped:
-            raise UsageError("--tile gives two moduli: it takes neither --name nor --clamped.")
-        tile = read_tile(comm, folder)
-        # A stress per section needs a thickness; that of a sheet is the same everywhere.
-        thickness = tile.composite.reinforcement.thickness
-        tests = on_first_rank(comm, partial(self._tests, thickness))
-        how = self.updating(FitOptions())
-        return fit_printed_sheet(comm, tests, tile, self.along, self.across, how)
-
-    def _tests(self, thickness: float | None = None) -> list[TensileTest]:
+    def _tests(self) -> list[TensileTest]:
         """Return the tests along the direction (one rank)."""
         from toros_fem.products.fitting.columns import UNITS, WORDS
         from toros_fem.products.fitting.reading import Given, read_tensile_tests
 
         units = _pairs("unit", self.unit, tuple(UNITS))
         columns = _pairs("column", self.column, (*UNITS, *WORDS))
-        given = Given(
-            self.thickness or thickness, self.width, self.gauge_length, units=units, columns=columns
-        )
+        given = Given(self.thickness, self.width, self.gauge_length, units=units, columns=columns)
         tests = read_tensile_tests(self.data, given)
         if self.direction is None:
             return tests

@@ -8,10 +8,9 @@ from typing import ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import Count, key
+from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.exit_codes import DONE, NO_EQUILIBRIUM
-from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.command_line.scene_options import SceneCommand
 
 
@@ -31,33 +30,32 @@ class Study(SceneCommand):
     )
     output: Path = key(MISSING, "folder of the study, made if missing")
     simulate: bool = key(False, "simulate each scene, and design nothing")
-    jobs: Count | None = key(None, "runs at a time; none takes one for each core")
 
     TAKES: ClassVar = {**SceneCommand.TAKES, "over": "KEY=VALUES", "output": "STUDY"}
     EXAMPLES: ClassVar = (
         "toros study mine.toml --over pressure=2..10kPa:5 --over seed=1..4 --output study",
         "toros study mine.toml --over fabric=jersey-light,stockinette-course --coarse --output s",
+        "mpirun -n 2 toros study mine.toml --over seed=1..4 --output study",
     )
 
     def __call__(self, comm: MPI.Comm) -> Answer:
-        """Run all of them, in processes of their own."""
-        from toros_fem.cli.studies.study import run_study
+        """Run all of them, one after the other (collective)."""
+        from toros_fem.cli.studies.study import TABLE, run_study
 
-        if comm.size > 1:
-            raise UsageError("a study runs its scenes side by side by itself: leave out mpirun.")
-        found = run_study(
-            self.file,
-            self.over,
-            self.output,
-            command="simulate" if self.simulate else "design",
-            coarse=self.coarse,
-            changes=self.set,
-            allow_large=self.allow_large,
-            jobs=self.jobs,
-        )
-        failed = len(found.failed)
-        text = f"{found.table}: {len(found.trials)} runs"
+        command = "simulate" if self.simulate else "design"
+        with self.meshes_allowed():
+            rows = run_study(
+                comm,
+                self.file,
+                self.over,
+                self.output,
+                command=command,
+                coarse=self.coarse,
+                changes=self.set,
+            )
+        failed = sum(bool(row["failure"]) for row in rows)
+        text = f"{self.output / TABLE}: {len(rows)} runs"
         if failed:
-            text += f", {failed} of them without a result (see the column failure, and logs/)"
+            text += f", {failed} of them without a result (see the column failure)"
         code = NO_EQUILIBRIUM if failed else DONE
-        return Answer(text, {"table": found.table, "rows": found.rows}, code)
+        return Answer(text, {"table": self.output / TABLE, "rows": rows}, code)

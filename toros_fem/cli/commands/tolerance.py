@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from mpi4py import MPI
 
+from toros_fem.base.files import require_unused
 from toros_fem.base.keys import key
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.products.options import ToleranceConfig
 
@@ -30,6 +33,9 @@ class Tolerance(Command, ToleranceConfig):
         None,
         "folder for the files, made if missing; none takes RUN, where `toros view` shows them",
     )
+    overwrite: bool = key(
+        False, "replace files of these names in another folder than RUN; all others stay"
+    )
 
     WORDS: ClassVar = ("run",)
     TAKES: ClassVar = {"output": "FOLDER"}
@@ -46,6 +52,9 @@ class Tolerance(Command, ToleranceConfig):
         from toros_fem.products.tolerance.writing import FILES, write_tolerances
 
         output = self.output or self.run
+        if self.output is not None:
+            unused = partial(require_unused, output, FILES, overwrite=self.overwrite)
+            on_first_rank(comm, unused)
         with triangle_limit(None):  # what was designed was allowed
             scene, files = scene_of_run(comm, self.run)
             found = tolerances_of_run(

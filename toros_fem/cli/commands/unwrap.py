@@ -9,10 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.files import guarded, if_plotting, write_json
+from toros_fem.base.files import guarded, if_plotting, require_unused, write_json
 from toros_fem.base.keys import key
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.products.tables.unwrapping import Unwrapping
+
+FILES = ("pattern.npz", "pattern.svg", "unwrap.png", "surface.vtu", "summary.json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +33,7 @@ class Unwrap(Command, Unwrapping):
         None,
         "folder for the pattern, made if missing; none takes the name of MESH without its ending",
     )
+    overwrite: bool = key(False, "replace files of these names in the folder; all others stay")
     verbose: bool = key(False, "print the distortion of each panel")
 
     WORDS: ClassVar = ("mesh",)
@@ -49,6 +53,7 @@ class Unwrap(Command, Unwrapping):
         from toros_fem.results.runs.folder import require_open
 
         output = self.output or Path(self.mesh.stem)
+        on_first_rank(comm, lambda: require_unused(output, FILES, overwrite=self.overwrite))
         surface = self.surface(comm, self.mesh)
         surface, _ = self.meshed(comm, surface)
         unwrapped = self.unwrapped(comm, surface)

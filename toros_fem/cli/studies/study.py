@@ -1,39 +1,34 @@
-"""A study: one scene with all combinations of some values, side by side, in one table."""
+"""A study: one scene with all combinations of some values, in one table and one picture."""
 
 from __future__ import annotations
 
 import itertools
 import logging
-import os
 import re
-import shlex
-import subprocess
-import sys
-import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError, TorosError
-from toros_fem.base.files import guarded, naming, write_table
+from toros_fem.base.errors import ParameterError, RunStoppedError, TorosError
+from toros_fem.base.files import guarded, if_plotting, require_unused, write_table
 from toros_fem.base.keys import Key, nearest, plain_value
-from toros_fem.cli.command_line.running import inputs_of
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.cli.command_line.running import inputs_of, run_scene
 from toros_fem.cli.scene_files.layout import FILES, QUICK, keys_of
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
-from toros_fem.results.runs.folder import read_record
+from toros_fem.results.runs.files import RECORD, STATE
+from toros_fem.results.runs.folder import EVERY, read_record
 from toros_fem.results.runs.summary_file import Summary, summary_of
 
 log = logging.getLogger(__name__)
-TABLE, PICTURE, LOGS = "study.csv", "study.png", "logs"
+TABLE, PICTURE = "study.csv", "study.png"
 # Letters that may stand in the name of a folder.
 PLAIN = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.,=_+-")
-# Environment of a run beside others: each has one core.
-ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 # Most runs of a study.
 MOST = 10_000
 _RANGE = re.compile(r"(?P<low>.+?)\.\.(?P<high>.+?)(?::(?P<count>\d+))?")
@@ -45,80 +40,18 @@ class Trial:
     """One run of a study: its values by key, and what it found.
 
     Attributes:
-        failure: Why there is no result; empty if there is one.
-        seconds: Wall time in this study; None for a run that was finished before.
+        failure: Why there is no result; empty if there is one, or the run has not ended.
     """
 
     values: Mapping[str, Any]
     folder: Path
+    scene: SceneFile
     summary: Summary | None = None
     failure: str = ""
-    seconds: float | None = None
-
-    def row(self, columns: Mapping[str, str]) -> dict[str, Any]:
-        """Return values, in columns by key, and figures as a row of the table."""
-        row = {columns[name]: value for name, value in self.values.items()}
-        found = {} if self.summary is None else self.summary.figures
-        for key, figure in found.items():
-            row[key] = figure.value
-            if figure.interval is not None:
-                row[f"{figure.name}_error_{figure.unit}"] = figure.interval
-            if figure.state is not None:
-                row[f"{figure.name}_state"] = str(figure.state)
-        return row | {"run": self.folder.name, "failure": self.failure}
-
-
-@dataclass
-class Study:
-    """A study, and what it found: its keys, and its runs in the order of the table."""
-
-    keys: Mapping[str, Key]
-    trials: Sequence[Trial]
-    folder: Path
-
-    @property
-    def table(self) -> Path:
-        """The table of all runs."""
-        return self.folder / TABLE
-
-    @property
-    def failed(self) -> list[Trial]:
-        """The runs without a result."""
-        return [trial for trial in self.trials if trial.failure]
-
-    @property
-    def columns(self) -> dict[str, str]:
-        """Column of each key that varies; one that a figure has too is ``given_…``."""
-        found = {k for trial in self.trials if trial.summary for k in trial.summary.figures}
-        plain = {name: column_of(one) for name, one in self.keys.items()}
-        return {name: f"given_{of}" if of in found else of for name, of in plain.items()}
-
-    @property
-    def rows(self) -> list[dict[str, Any]]:
-        """The rows of the table."""
-        columns = self.columns
-        return [trial.row(columns) for trial in self.trials]
-
-    def write_table(self) -> None:
-        """Write the rows as they are now."""
-        guarded(MPI.COMM_SELF, self.folder, lambda: write_table(self.table, self.rows))
-
-    def write_picture(self) -> None:
-        """Draw the figures of the runs."""
-        from toros_fem.results.pictures.study import draw_study  # who runs none does not pay
-
-        columns, found = list(self.columns.values()), [one.summary for one in self.trials]
-        path, summaries = self.folder / PICTURE, [one for one in found if one is not None]
-        guarded(MPI.COMM_SELF, self.folder, lambda: draw_study(path, self.rows, columns, summaries))
-
-
-def column_of(one: Key) -> str:
-    """Return the column of a key: its name, and the unit that ends it."""
-    plain = one.kind is float and one.within.unit is not None
-    return f"{one.name}_{one.ending}" if plain else one.name
 
 
 def run_study(
+    comm: MPI.Comm,
     scene: Path | str,
     over: Mapping[str, Sequence[Any]] | Sequence[str],
     output: Path | str,
@@ -126,10 +59,8 @@ def run_study(
     command: str = "design",
     coarse: bool = False,
     changes: Sequence[str] = (),
-    allow_large: bool = False,
-    jobs: int | None = None,
-) -> Study:
-    """Run a scene with all combinations of some values, and put all figures into one table.
+) -> list[dict[str, Any]]:
+    """Run a scene with all combinations of some values; return the rows of the table (collective).
 
     Each run has a folder of its own. Those that are finished stay, those that were stopped go on.
 
@@ -139,16 +70,43 @@ def run_study(
         output: Folder of the study, made if missing: study.csv, study.png, a folder for each run.
         command: "design" or "simulate".
         changes: Texts "KEY=VALUE" that hold for all runs.
-        jobs: Runs at a time; None takes one for each core.
 
     Raises:
         FileError: A value is wrong; before anything runs.
         ParameterError: A key is wrong, or there are too many values.
-        OutputError: The folder cannot be written.
+        OutputError: The folder cannot be written, or has a table that is of no study.
     """
-    path, folder = Path(scene), Path(output)
-    first = read_scene(path, coarse=coarse, changes=changes)
-    tables = keys_of(first.kind)
+    folder = Path(output)
+    read = partial(read_scene, Path(scene), comm=comm, coarse=coarse)
+    keys, values = _varied(read(changes=changes), over)
+    trials = []
+    for one in combinations(values):
+        own = [f"{name}={keys[name].written(value)}" for name, value in one.items()]
+        trials.append(Trial(one, folder / _name(one), read(changes=[*changes, *own])))
+    there = on_first_rank(comm, lambda: any(folder.glob(f"*/{STATE}/{RECORD}")))
+    files = (TABLE, PICTURE)
+    on_first_rank(comm, lambda: require_unused(folder, files, overwrite=there))
+    for number, trial in enumerate(trials, 1):
+        log.info("%d of %d: %s", number, len(trials), trial.folder.name)
+        _run(comm, trial, command)
+        rows = rows_of(keys, trials)
+        guarded(comm, folder, partial(write_table, folder / TABLE, rows))
+    columns, found = list(_columns(keys, trials).values()), [one.summary for one in trials]
+
+    def draw() -> None:
+        from toros_fem.results.pictures.study import draw_study
+
+        draw_study(folder / PICTURE, rows, columns, [one for one in found if one is not None])
+
+    guarded(comm, folder, lambda: if_plotting(draw))
+    return rows
+
+
+def _varied(
+    scene: SceneFile, over: Mapping[str, Sequence[Any]] | Sequence[str]
+) -> tuple[dict[str, Key], dict[str, Sequence[Any]]]:
+    """Return the keys that vary, and their values."""
+    tables = keys_of(scene.kind)
     known = {
         key: one for at in tables if at not in (FILES, QUICK) for key, one in tables[at].items()
     }
@@ -160,101 +118,62 @@ def run_study(
         if name not in known:
             raise ParameterError(f"unknown key {name!r}; {nearest(name, known)}", name)
         varied[name] = several
-    keys, trials, waiting = {name: known[name] for name in varied}, [], []
-    options = [*["--coarse"] * coarse, *["--allow-large"] * allow_large]
-    for values in combinations(varied):
-        own = [*changes, *(f"{name}={keys[name].written(one)}" for name, one in values.items())]
-        trial = Trial(values, folder / _name(values))
-        trials.append(trial)
-        state = _state_of(trial.folder, read_scene(path, coarse=coarse, changes=own), command)
-        if state == "finished":
-            trial.summary = summary_of(trial.folder)
-        elif state == "stopped":
-            waiting.append((trial, ["resume", str(trial.folder)]))
-        else:
-            sets = [word for change in own for word in ("--set", change)]
-            line = [command, str(path), *options, *sets, "--output", str(trial.folder)]
-            waiting.append((trial, line))
-    study = Study(keys, trials, folder)
-    _run_all(study, waiting, jobs or os.cpu_count() or 1)
-    study.write_picture()
-    return study
+    return {name: known[name] for name in varied}, varied
 
 
-def _run_all(study: Study, waiting: Sequence[tuple[Trial, list[str]]], jobs: int) -> None:
-    """Run what waits, so many at a time, and write the table after each."""
-    running: set[subprocess.Popen[bytes]] = set()
-    begin, done, count = time.perf_counter(), 0, len(study.trials)
-    before = count - len(waiting)
-    study.write_table()
-    with naming(study.folder):
-        (study.folder / LOGS).mkdir(exist_ok=True)
-    if before:
-        log.info("%d of %d runs are finished already", before, count)
-    with ThreadPoolExecutor(jobs) as pool:
-        alone = ALONE if jobs > 1 else {}
-        found = {pool.submit(_run, *one, running, alone): one[0] for one in waiting}
-        try:
-            for future in as_completed(found):
-                trial = future.result()
-                done += 1
-                study.write_table()
-                left = (time.perf_counter() - begin) / done * (len(waiting) - done)
-                told = trial.failure or _told(trial)
-                log.info(
-                    "%d of %d: %s: %s; %.0f s, about %.1f min left",
-                    before + done, count, trial.folder.name, told, trial.seconds or 0.0, left / 60,
-                )  # fmt: skip
-        except BaseException:  # Ctrl-C: runs write their state and can go on
-            for future in found:
-                future.cancel()
-            for process in list(running):
-                process.terminate()
-            raise
-
-
-def _run(
-    trial: Trial, words: list[str], running: set[subprocess.Popen[bytes]], alone: Mapping[str, str]
-) -> Trial:
-    """Run one scene in a process of its own."""
-    begin = time.perf_counter()
-    kept = trial.folder.parent / LOGS / f"{trial.folder.name}.txt"
-    with kept.open("wb") as file:
-        line = [sys.executable, "-m", "toros_fem", *words, "--quiet"]
-        file.write((shlex.join(line) + "\n").encode())
-        file.flush()
-        process = subprocess.Popen(
-            line, stdout=file, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
-            env={**os.environ, **alone},
-        )  # fmt: skip
-        running.add(process)
-        code = process.wait()
-        running.discard(process)
-    trial.seconds = time.perf_counter() - begin
+def _run(comm: MPI.Comm, trial: Trial, command: str) -> None:
+    """Run one scene, go on with it, or take what it found (collective)."""
+    folder = trial.folder
     try:
-        trial.summary = summary_of(trial.folder) if code == 0 else None
+        state = _state_of(comm, trial, command)
+        if state != "finished":
+            how = {"resume": state == "stopped", "overwrite": state == "another"}
+            run_scene(comm, trial.scene, command, folder, every=EVERY, verbose=False, **how)
+        trial.summary = on_first_rank(comm, lambda: summary_of(folder))
+    except RunStoppedError:
+        raise
     except TorosError as caught:
         trial.failure = str(caught)
-    if code != 0:
-        last = kept.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1]
-        trial.failure = f"exit code {code}: {last}"
-    return trial
+        log.warning("%s: %s", folder.name, caught)
 
 
-def _told(trial: Trial) -> str:
-    figures = () if trial.summary is None else trial.summary.figures.values()
-    return ", ".join(f"{one.label} {one.shown}" for one in figures if one.interval is not None)
-
-
-def _state_of(folder: Path, scene: SceneFile, command: str) -> str:
-    """Return whether a folder holds this very run: "finished", "stopped", or "none"."""
-    try:
-        record, _ = read_record(MPI.COMM_SELF, folder)
-    except TorosError:
+def _state_of(comm: MPI.Comm, trial: Trial, command: str) -> str:
+    """Return what run a folder holds: "none", "another", or this one, "finished" or "stopped"."""
+    if not on_first_rank(comm, (trial.folder / STATE / RECORD).exists):
         return "none"
-    if record.inputs != inputs_of(scene, command):
-        return "none"
+    record, _ = read_record(comm, trial.folder)
+    if record.inputs != on_first_rank(comm, lambda: inputs_of(trial.scene, command)):
+        return "another"
     return "finished" if record.finished else "stopped"
+
+
+def rows_of(keys: Mapping[str, Key], trials: Sequence[Trial]) -> list[dict[str, Any]]:
+    """Return values and figures of all runs as rows of the table."""
+    columns, rows = _columns(keys, trials), []
+    for trial in trials:
+        row = {columns[name]: value for name, value in trial.values.items()}
+        found = {} if trial.summary is None else trial.summary.figures
+        for key, figure in found.items():
+            row[key] = figure.value
+            if figure.interval is not None:
+                row[f"{figure.name}_error_{figure.unit}"] = figure.interval
+            if figure.state is not None:
+                row[f"{figure.name}_state"] = str(figure.state)
+        rows.append(row | {"run": trial.folder.name, "failure": trial.failure})
+    return rows
+
+
+def _columns(keys: Mapping[str, Key], trials: Sequence[Trial]) -> dict[str, str]:
+    """Return the column of each key that varies; one that a figure has too is ``given_…``."""
+    found = {k for trial in trials if trial.summary for k in trial.summary.figures}
+    plain = {name: _column_of(one) for name, one in keys.items()}
+    return {name: f"given_{of}" if of in found else of for name, of in plain.items()}
+
+
+def _column_of(one: Key) -> str:
+    """Return the column of a key: its name, and the unit that ends it."""
+    plain = one.kind is float and one.within.unit is not None
+    return f"{one.name}_{one.ending}" if plain else one.name
 
 
 def _name(values: Mapping[str, Any]) -> str:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.mpi import largest
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -104,14 +103,6 @@ class ShapeProblem(DesignProblem[Equilibrium]):
             ends = (values(here + sign * step * motion) for sign in (1, -1))
             columns.append(np.subtract(*ends) / (2 * step))
         return np.stack(columns, axis=1)
-
-    def metrics_along(self, at: Equilibrium, motion: Floats) -> dict[str, float]:
-        """Return the derivatives of all metrics along a motion of the state (collective)."""
-        moved = self.solver.model.positions(motion)
-        way = largest(self.skin.comm, float(np.abs(moved).max(initial=0.0)))
-        step = METRIC_STEP * self.skin.pattern.size / way if way > 0 else 1.0
-        less, more = (self.metrics_at(at.positions + sign * step * moved) for sign in (-1, 1))
-        return {key: (more[key] - less[key]) / (2 * step) for key in more}
 
 
 def _flat_points(skin: Skin) -> Ints:

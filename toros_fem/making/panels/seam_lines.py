@@ -23,24 +23,11 @@ class SewnSeam:
         number: Number of the seam, from 1.
         panels: Numbers of both panels; equal where a panel is sewn to itself.
         lines: Flat points of both lines, (2, n, 2), in m.
-        vertices: Vertices of the assembled skin at both ends.
     """
 
     number: int
     panels: tuple[int, int]
     lines: Floats
-    vertices: tuple[int, int]
-
-    @property
-    def ring(self) -> bool:
-        """Whether the seam closes on itself in the assembled skin."""
-        return self.vertices[0] == self.vertices[1]
-
-    @property
-    def dart(self) -> bool:
-        """Whether it joins a panel to itself, and its edges meet at one of its ends."""
-        meet = np.all(self.lines[0] == self.lines[1], axis=1)
-        return self.panels[0] == self.panels[1] and bool(meet[0] or meet[-1])
 
     @property
     def arc(self) -> Floats:
@@ -94,13 +81,9 @@ def sewn_seams(pattern: Pattern) -> list[SewnSeam]:
             turn = int(np.lexsort([x, y.round(9)])[0])
             one, two = (np.append(np.roll(ring[:-1], -turn), ring[turn]) for ring in (one, two))
         lines = pattern.flat_points[np.stack([one, two])]
-        ends = int(pattern.sewn[one[0]]), int(pattern.sewn[one[-1]])
-        found.append((panels, tuple(lines.mean(axis=(0, 1)).round(9)), lines, ends))
+        found.append((panels, tuple(lines.mean(axis=(0, 1)).round(9)), lines))
     found.sort(key=lambda seam: seam[:2])
-    return [
-        SewnSeam(number, panels, lines, ends)
-        for number, (panels, _, lines, ends) in enumerate(found, 1)
-    ]
+    return [SewnSeam(number, panels, lines) for number, (panels, _, lines) in enumerate(found, 1)]
 
 
 def edges_of(seams: Sequence[SewnSeam], panel: int) -> list[tuple[SewnSeam, int]]:

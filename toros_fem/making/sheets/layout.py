@@ -1,4 +1,4 @@
-"""What is made of a design: panels nested on beds and sheets, bladder, order of sewing."""
+"""What is made of a design: panels nested on beds and sheets, and their seams."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
 import shapely
 from shapely.geometry import MultiPolygon
 from shapely.geometry.base import BaseGeometry
@@ -15,15 +14,12 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutlineError, TorosError
 from toros_fem.making.options import DEFAULT, ManufactureOptions
-from toros_fem.making.panels.bladder import bladder_sheets
 from toros_fem.making.panels.marks import CLEAR, HEIGHT, ruler
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings, printed_face
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
 from toros_fem.making.panels.svg import Box, Layer
 from toros_fem.making.sheets.placement import Placement, nest
-from toros_fem.making.sheets.sewing_order import SewingStep, sewing_order
-from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 
 log = logging.getLogger(__name__)
@@ -154,32 +150,17 @@ def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions = DEFAU
     return Layout(tuple(drawings), tuple(placements), used, sheet, (columns, rows))
 
 
-def film_sheet(drawings: Sequence[PanelDrawing], options: ManufactureOptions) -> Sheet:
-    """Return one piece of film that holds the sheets of a bladder side by side."""
-    left, placed = options.sheet_margin, []
-    for one in drawings:
-        corner = np.array(one.footprint.bounds[:2])
-        placed.append(one.moved(Affine.shift([left, options.sheet_margin] - corner)))
-        left = placed[-1].footprint.bounds[2] + options.panel_gap
-    wide, high = shapely.total_bounds([one.footprint for one in placed])[2:]
-    return Sheet((float(wide) + options.sheet_margin, float(high) + options.sheet_margin), placed)
-
-
 @dataclass(frozen=True, eq=False)
 class Manufacture:
     """What is made of a design; files, manifest and page show it.
 
     Attributes:
         layout: Panels on beds and sheets.
-        film: The film with the sheets of the bladder; None without one.
-        order: The order in which they are sewn.
     """
 
     options: ManufactureOptions
     layout: Layout
-    film: Sheet | None
     seams: Sequence[SewnSeam]
-    order: Sequence[SewingStep]
 
 
 def placing_fault(pattern: Pattern) -> str | None:
@@ -196,12 +177,8 @@ def placing_fault(pattern: Pattern) -> str | None:
 def manufacture(pattern: Pattern, regions: Regions, options: ManufactureOptions) -> Manufacture:
     """Return what is made of a design on a whole pattern; errors as of `sewn_seams` and `nest`."""
     pattern, regions = printed_face(pattern, regions, options)
-    seams, film = sewn_seams(pattern), bladder_sheets(pattern, options)
-    closing = [] if film.tab_seam is None else [film.tab_seam]
     return Manufacture(
         options=options,
         layout=layout(panel_drawings(pattern, regions, options), options),
-        film=film_sheet(film.drawings, options) if film.drawings else None,
-        seams=seams,
-        order=sewing_order(pattern, seams, closing),
+        seams=sewn_seams(pattern),
     )

@@ -34,7 +34,7 @@ MATERIALS = (
 class MadeFile:
     """A file for printer and cutter: what it shows, in some words, and its bytes.
 
-    Its kind is "print", "cut" or "bladder"; beds and sheets are numbered from 1.
+    Its kind is "print" or "cut"; beds and sheets are numbered from 1.
     """
 
     name: str
@@ -87,17 +87,6 @@ def manifest(
             for on_bed, on_sheet in zip(places.placements, places.on_sheets, strict=True)
         ],
         "seams": [_seam(seam, made) for seam in made.seams],
-        "sewing": [
-            {"seam": step.seam, "kind": step.kind, "opening_mm": 1e3 * step.opening}
-            for step in made.order
-        ],
-        "bladder": made.film
-        and {
-            "film_mm": _mm(made.film.size),
-            "sheets": [
-                {"name": one.name, "cut_size_mm": _size_of_cut(one)} for one in made.film.drawings
-            ],
-        },
         "print": {
             "height_mm": 1e3 * options.layer_height,
             "height_from": source if options.layer_height == height else OPTIONS,

@@ -1,4 +1,4 @@
-"""The page make_it.html: pictures of every sheet, and the order of work in five steps."""
+"""The page make_it.html: pictures of every sheet, and how to make the skin in five steps."""
 
 from __future__ import annotations
 
@@ -14,18 +14,9 @@ from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.svg import Svg
 from toros_fem.making.sheets.layout import Manufacture, Sheet
 from toros_fem.making.sheets.manifest import ONE_SHEET
-from toros_fem.making.sheets.sewing_order import CLOSING
 from toros_fem.measures.figures import Figure
 
 NAME = "make_it.html"
-# What a sewer has to know of each kind of seam.
-WORDS = {
-    "dart": "a dart: sew from its wide end to its tip",
-    "flat": "joins two pieces that still lie flat",
-    "edge": "joins two edges of one piece",
-    "ring": "a ring: pin all notches before you sew",
-    "closing": "the last one: leave the opening for the bladder",
-}
 # Corners closer than this to a line between others are left out of pictures, in m.
 SEEN = 0.02e-3
 # Border around a picture in m.
@@ -43,7 +34,7 @@ def page(
     summary: Mapping[str, Any] | None = None,
 ) -> str:
     """Return the page, with a title, as HTML that needs no other file."""
-    safe, places, film = required("markupsafe").Markup, made.layout, made.film
+    safe, places = required("markupsafe").Markup, made.layout
 
     def drawn(draw: Callable[[Sheet, str], str], sheets: Sequence[Sheet], what: str) -> list[str]:
         return [safe(draw(sheet, f"{what} {k}")) for k, sheet in enumerate(sheets, 1)]
@@ -57,12 +48,8 @@ def page(
             "beds": drawn(sheet_picture, places.beds, "bed"),
             "sheets": drawn(sheet_picture, places.sheets, "sheet"),
             "seams": drawn(seam_picture, places.sheets, "seams on sheet"),
-            "film": None if film is None else safe(sheet_picture(film, "bladder")),
         },
-        closing=[step for step in manifest["sewing"] if step["kind"] == CLOSING],
-        seam_of={seam["number"]: seam for seam in manifest["seams"]},
         colour_of=seam_colour,
-        words=WORDS,
         height_unknown=manifest["print"]["height_from"] == ONE_SHEET,
         metrics=_metrics(summary),
     )

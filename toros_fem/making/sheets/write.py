@@ -39,10 +39,10 @@ def write_manufacture(
     title: str = "",
     others: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Write print files, cut files, bladder, manifest and page of a whole pattern (one rank).
+    """Write print files, cut files, manifest and page of a whole pattern (one rank).
 
     The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
-    first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html.
+    first sheet, and so on; manufacture.json and make_it.html.
     All are written beside before the first one takes its place, so that a full disk leaves those of
     an earlier call whole; these, which its manufacture.json lists, go at the end if they are as
     they were written. All others stay. Returned is the manifest.
@@ -90,6 +90,20 @@ def write_manufacture(
     return about
 
 
+def made_before(folder: Path) -> list[Path]:
+    """Return the files that earlier calls wrote into a folder, and that are there (one rank).
+
+    Raises:
+        FileError: One of them was changed since.
+    """
+    earlier = _earlier(folder)
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    names = sorted(name for name in earlier.keys() & there if (folder / name).is_file())
+    if names:
+        _require_room(folder, names, earlier)
+    return [folder / name for name in names]
+
+
 def machine_files(made: Manufacture) -> Iterator[MadeFile]:
     """Yield each file for printer and cutter."""
     for bed, sheet in enumerate(made.layout.beds, 1):
@@ -103,11 +117,6 @@ def machine_files(made: Manufacture) -> Iterator[MadeFile]:
             yield MadeFile(
                 f"cut_{number}.{end}", "cut", shows, cut(sheet, made.options), sheet=number
             )
-    if made.film is not None:
-        for end, cut in CUTS.items():
-            count = len(made.film.drawings)
-            shows = f"cut of the bladder's {count} sheets of film, in mm, in layers"
-            yield MadeFile(f"bladder.{end}", "bladder", shows, cut(made.film, made.options))
 
 
 def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:

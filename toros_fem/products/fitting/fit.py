@@ -8,11 +8,9 @@ from functools import partial
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import FileError, ParameterError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import require_kind
-from toros_fem.materials.sheet import Material
-from toros_fem.products.fitting.intervals import bootstrap_draws, hessian_draws
+from toros_fem.products.fitting.intervals import drawn_again
 from toros_fem.products.fitting.origin import from_rest
 from toros_fem.products.fitting.parameters import scales_of
 from toros_fem.products.fitting.result import FitResult, estimates_of
@@ -25,20 +23,12 @@ from toros_fem.products.fitting.robust_fit import (
     robust_fit,
 )
 from toros_fem.products.fitting.samples import checked_tests, samples_of
-from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.fitting.uniaxial import tension
 from toros_fem.products.options import FitOptions
 
-# Rounds of fit and simulation of a clamped strip, and the change of its stress at which they end.
-MOST_ROUNDS, SAME = 8, 1e-3
 
-
-def fit_material(
-    tests: Sequence[TensileTest],
-    options: FitOptions | None = None,
-    strip: ClampedStrip | None = None,
-) -> FitResult:
+def fit_material(tests: Sequence[TensileTest], options: FitOptions | None = None) -> FitResult:
     """Fit μ, λ, c₁ and c₂ of eq. (1) to tensile tests.
 
     The strip narrows freely: at each stretch the lateral one is solved for exactly. Residuals of
@@ -51,25 +41,17 @@ def fit_material(
     Args:
         tests: Tests of one material.
         options: Branch, loss and intervals.
-        strip: The strip between its clamps, whose distance the stretch is that of: the fit and
-            simulations of the strip take turns until the model curve is the simulated one
-            (collective). None takes strips that narrow freely.
 
     Returns:
         The constants with 95 % intervals.
 
     Raises:
-        NoEquilibriumError: The simulated strip has no equilibrium.
         FileError: There is no test, a test has too few points, thicknesses differ, or
             directions are not those of one fabric.
     """
     options = FitOptions() if options is None else options
     require_kind("options", options, FitOptions, "FitOptions, or None")
-    fit = _Fit(tests, options)
-    if strip is None:
-        return fit.result(fit.free, robust_fit(fit.problem(fit.free), fit.scales.starts))
-    require_kind("strip", strip, ClampedStrip, "a ClampedStrip, or None")
-    return fit.clamped(strip)
+    return _Fit(tests, options).result()
 
 
 def _thickness(tests: Sequence[TensileTest]) -> float:
@@ -84,7 +66,7 @@ def _thickness(tests: Sequence[TensileTest]) -> float:
 
 
 class _Fit:
-    """The fit of some tests, by strips that narrow freely or between clamps."""
+    """The fit of some tests."""
 
     def __init__(self, tests: Sequence[TensileTest], options: FitOptions) -> None:
         begun = [from_rest(test, options) for test in checked_tests(tests)]
@@ -96,59 +78,19 @@ class _Fit:
         courses = self.samples.along(self.scales.stiff)
         coefficients = partial(self.scales.coefficients, course=courses)
         self._tension = partial(tension, coefficients=coefficients)
-        self.free = remembered(partial(self._at, self.samples.strain))
+        self.curve = remembered(partial(self._at, self.samples.strain))
 
     def problem(self, curve: Model) -> Problem:
         """Return the fit of a model curve to the tests."""
         return self.samples.problem(curve, self.scales.bounds, self.options.loss)
 
-    def clamped(self, strip: ClampedStrip) -> FitResult:
-        """Fit and simulate in turns (collective)."""
-        top, curve, starts = np.abs(self.samples.stress).max(), self.free, self.scales.starts
-        for rounds in range(1, MOST_ROUNDS + 1):
-            solve = partial(robust_fit, self.problem(curve), starts)
-            solution = on_first_rank(strip.comm, solve)
-            before, starts = curve(solution.theta)[0][0], [solution.theta]
-            curve = self._between_clamps(strip, solution.theta)
-            change = np.abs(curve(solution.theta)[0][0] - before).max() / top
-            if change <= SAME:
-                found = partial(self.result, curve, solution, rounds)
-                return on_first_rank(strip.comm, found)
-        raise FileError(
-            f"after {MOST_ROUNDS} rounds fit and simulated strip still differ by {change:.1%} of "
-            "the largest stress. Fit fewer data by up_to."
-        )
-
-    def _between_clamps(self, strip: ClampedStrip, theta: Floats) -> Model:
-        """Return the curve of free strips with what clamps change at some parameters."""
-        values = self.scales.values(theta, self.thickness)
-        ratio = max(values.get("knit_ratio", 1.0), 1.0)
-        young, poisson, c1, c2 = (values[name] for name in ("young", "poisson", "c1", "c2"))
-        sheet = Material(young, poisson, self.thickness, c1, c2)
-        factor, shift = np.ones((2, len(self.samples.strain))), 0.0 * self.samples.strain
-        for name in dict.fromkeys(self.samples.direction):
-            rows = self.samples.along(name)
-            way = "course" if name == self.scales.stiff else "wale"
-            factor[0, rows], shift[rows] = strip.correction(
-                sheet, self.samples.strain[rows], knit_ratio=ratio, direction=way
-            )
-
-        def curve(theta: Floats) -> tuple[Floats, Floats]:
-            free, slopes = self.free(theta)
-            return factor * free + [0 * shift, shift], factor[:, :, None] * slopes
-
-        return curve
-
-    def result(self, curve: Model, solution: Solution, rounds: int = 0) -> FitResult:
-        """Return the result of a fit, with its intervals."""
-        scales, options, problem = self.scales, self.options, self.problem(curve)
-        solution = Solution(solution.theta, solution.sigma, *problem.model(solution.theta))
-        if options.intervals == "bootstrap":
-            drawn = bootstrap_draws(problem, solution, self.samples, options.draws, options.seed)
-        else:
-            drawn = hessian_draws(problem, solution, max(options.draws, 4000), options.seed)
+    def result(self) -> FitResult:
+        """Return the constants with their intervals."""
+        scales, options, problem = self.scales, self.options, self.problem(self.curve)
+        solution = robust_fit(problem, scales.starts)
+        drawn = drawn_again(problem, solution, self.samples, options.draws, options.seed)
         drawn = np.clip(drawn + self._moved(solution, len(drawn)), *scales.bounds)
-        (stress, lateral), _ = curve(solution.theta)
+        (stress, lateral), _ = self.curve(solution.theta)
         far, near = (scales.values(end, self.thickness) for end in scales.bounds)
         return FitResult(
             estimates=estimates_of(
@@ -162,7 +104,6 @@ class _Fit:
             options=options,
             thickness=self.thickness,
             stiff=scales.stiff,
-            rounds=rounds,
             taken=self.remarks,
             doubts=self.doubts,
         )

@@ -1,4 +1,4 @@
-"""Confidence intervals of a fit: by the curvature of the loss, or by drawing the tests again."""
+"""Confidence intervals of a fit, by drawing the tests again."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.products.fitting.robust_fit import Problem, Solution, covariance, minimise
+from toros_fem.products.fitting.robust_fit import Problem, Solution, minimise
 from toros_fem.products.fitting.samples import Samples
 
 CONFIDENCE = 0.95
@@ -20,36 +20,20 @@ ENOUGH_TESTS = 3
 # Points before a drawn curve begins, which forget its start.
 WARM_UP = 100
 LARGEST_CORRELATION = 0.95
+# Degrees of freedom of Student's distribution at least.
+FEWEST_DEGREES = 2.0
 # Parameters of a curve that lower the correlation of its residuals.
 BIAS = 3.0
 
 
-def half_widths(problem: Problem, solution: Solution) -> Floats:
-    """Return half the width of each parameter's interval, by the curvature of the loss, (p,)."""
-    spread, degrees = covariance(problem, solution)
-    return np.asarray(stdtrit(degrees, UPPER) * np.sqrt(np.diagonal(spread)))
-
-
-def hessian_draws(problem: Problem, solution: Solution, draws: int, seed: int) -> Floats:
-    """Return parameters drawn from Student's distribution by the curvature of the loss, (draws, p).
-
-    It takes the place of the normal distribution of an M-estimate.
-    """
-    spread, degrees = covariance(problem, solution)
-    rng = np.random.default_rng(seed)
-    normal = rng.standard_normal((draws, len(spread)))
-    chi = np.sqrt(rng.chisquare(degrees, (draws, 1)) / degrees)
-    found = solution.theta + (normal / chi) @ np.linalg.cholesky(spread).T
-    return np.asarray(np.clip(found, *problem.bounds))
-
-
-def bootstrap_draws(
+def drawn_again(
     problem: Problem, solution: Solution, samples: Samples, draws: int, seed: int
 ) -> Floats:
     """Return parameters fitted to data drawn again, (draws, p).
 
     Of three tests of each direction and more, whole tests are drawn: their differences are what
-    is uncertain. Else residuals are drawn, with the correlation that neighbours have.
+    is uncertain. Else residuals are drawn, with the correlation that neighbours have. Draws are
+    spread as Student's distribution, of as many degrees as tests or independent points leave.
     """
     rng, theta, sigma = np.random.default_rng(seed), solution.theta, solution.sigma
     names = np.array(samples.direction)
@@ -58,9 +42,12 @@ def bootstrap_draws(
     if least < ENOUGH_TESTS:
         residuals = (problem.measured - solution.values) / _shrinkage(solution.jac / sigma[:, None])
         curves = [(c, correlation([residuals[rows] for rows in c])) for c in _curves(samples)]
+        left = [_independent(c, rho) - len(theta) for c, rho in curves if c]
+        wider = _student(min(left))
         data = (solution.values + _drawn(curves, residuals, rng) for _ in range(draws))
         again = (replace(problem, measured=measured) for measured in data)
-        return np.array([minimise(one, theta, sigma)[0] for one in again])
+        found = [minimise(one, theta, sigma)[0] for one in again]
+        return np.asarray(np.clip(theta + wider * (np.array(found) - theta), *problem.bounds))
     test = samples.test[samples.entries % len(samples.strain)]
     found = []
     for _ in range(draws):
@@ -69,8 +56,18 @@ def bootstrap_draws(
         own = np.where(times > 0, sigma / np.sqrt(np.maximum(times, 1)), np.inf)
         found.append(minimise(problem, theta, own)[0])
     # Few tests drawn again vary too little: by (g − 1)/g, and their mean is Student's.
-    wider = np.sqrt(least / (least - 1)) * stdtrit(least - 1, UPPER) / ndtri(UPPER)
+    wider = np.sqrt(least / (least - 1)) * _student(least - 1)
     return np.asarray(np.clip(theta + wider * (np.array(found) - theta), *problem.bounds))
+
+
+def _student(degrees: float) -> float:
+    """Return the ratio of Student's interval to the normal one."""
+    return float(stdtrit(max(degrees, FEWEST_DEGREES), UPPER) / ndtri(UPPER))
+
+
+def _independent(rows_of_tests: Sequence[Ints], rho: float) -> float:
+    """Return the number of independent points that tell as much as correlated ones."""
+    return sum(map(len, rows_of_tests)) * (1 - rho) / (1 + rho)
 
 
 def _shrinkage(jacobian: Floats) -> Floats:

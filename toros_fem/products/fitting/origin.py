@@ -15,6 +15,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import FileError
+from toros_fem.products.fitting.intervals import correlation
 from toros_fem.products.fitting.parameters import LARGEST_POISSON, NEAREST, lame
 from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
 from toros_fem.products.fitting.uniaxial import Coefficients, lateral_strain, pulling_stress
@@ -206,7 +207,7 @@ def _without_idle(
     flat = x < idle.strain
     # Idle points tell more than noise: without a level too, or by what they explain.
     likely = found.strain > 0 and found.sure(HIDDEN)
-    likely |= idle.variance * (1 + CLEAR / len(x)) < found.variance
+    likely |= idle.variance * (1 + CLEAR * idle.alike / len(x)) < found.variance
     if likely and idle.sure() and not idle.missed and flat.sum() >= FEWEST_IDLE:
         slope, error = _slope(x[flat], stress[flat]) if flat.sum() > 2 else (0.0, 0.0)
         after = float(stress[~flat].mean() - idle.level) / float(x[~flat].mean() - idle.strain)
@@ -291,6 +292,12 @@ def _means(values: Floats, parts: Sequence[Ints]) -> Floats:
     return np.array([values[part].mean() for part in parts], dtype=np.float64)
 
 
+def _alike(residuals: Floats) -> float:
+    """Return the variance of a mean of residuals over that of independent ones."""
+    rho = correlation([residuals])
+    return (1 + rho) / (1 - rho)
+
+
 def _slope(x: Floats, y: Floats) -> tuple[float, float]:
     """Return the slope of a line, and its standard error."""
     own = x - x.mean()
@@ -333,10 +340,10 @@ def _start(test: TensileTest) -> _Start:
         if refined.fun < values[k]
         else (float(grid[k]), values[k])
     )
-    variance = least / max(n - 5, 1) + EXACT**2
     idle = int(np.sum(x < at))
     design = cubic(np.maximum(x - at, 0.0) / span)
-    level, slope = np.linalg.lstsq(design, y, rcond=None)[0][:2]
+    level, slope, *_ = bent = np.linalg.lstsq(design, y, rcond=None)[0]
+    variance = (least / max(n - 5, 1) + EXACT**2) * _alike(y - design @ bent)
     if idle >= IDLE and (without - least) / variance > CLEAR and slope > 0 and at > 0:
         flat, own = x[:idle], y[:idle]
         steep = _slope(flat, own)[0]
@@ -350,7 +357,7 @@ def _start(test: TensileTest) -> _Start:
             level_error = float(np.sqrt(variance / idle))
             return _Start(at, spread, float(level) * unit, level_error * unit,
                           float(slope) * unit / span, idle, toe)  # fmt: skip
-    variance = without / max(n - 4, 1) + EXACT**2
+    variance = (without / max(n - 4, 1) + EXACT**2) * _alike(y - plain @ found)
     spread = float(np.sqrt(variance * np.linalg.pinv(plain.T @ plain)[0, 0]))
     return _Start(0.0, 0.0, float(found[0]) * unit, spread * unit, float(found[1]) * unit / span, 0)
 
@@ -363,12 +370,14 @@ class _Shift:
         strain, level: At which it begins; 0 where it was not asked for.
         error: Standard error of the strain, or of the level where it alone was asked for.
         variance: Of the residuals, over the largest stress.
+        alike: What correlation of neighbours makes of a variance of means, as of `_alike`.
     """
 
     strain: float
     level: float
     error: float
     variance: float
+    alike: float
 
     @property
     def missed(self) -> bool:
@@ -416,7 +425,8 @@ def _fitted(x: Floats, stress: Floats, *, strain: bool = True, level: bool = Fal
     found = min(tried, key=lambda one: float(one.cost))
     residuals, p = model(found.x) - stress / top, len(found.x)
     variance = float(np.mean(residuals**2)) * len(x) / max(len(x) - p, 1) + EXACT**2
-    precision = found.jac.T @ found.jac * 1e-4 / variance + np.diag((high - low) ** -2.0)
+    alike = _alike(residuals)
+    precision = found.jac.T @ found.jac * 1e-4 / (variance * alike) + np.diag((high - low) ** -2.0)
     error = float(np.sqrt(np.linalg.inv(precision)[4, 4])) * (reach if strain else top)
     values = iter(found.x[4:])
     return _Shift(
@@ -424,4 +434,5 @@ def _fitted(x: Floats, stress: Floats, *, strain: bool = True, level: bool = Fal
         top * float(next(values)) if level else 0.0,
         error,
         variance,
+        alike,
     )

@@ -10,12 +10,13 @@ from mpi4py import MPI
 from toros_fem.base.errors import FileError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
 from toros_fem.materials.library.material import LENGTHS, LibraryMaterial
-from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
+from toros_fem.products.fitting.result import CONSTANTS, FitResult
 
+FILES = ("fit.json", "fit.txt", "fit.csv", "fit.png")
 COLOURS = ("#1F3A5F", "#D55E00", "#0072B2", "#6B7280")
 
 
-def fit_table(result: Fit) -> str:
+def fit_table(result: FitResult) -> str:
     """Return the result as lines of text: constants, fit, range and remarks."""
     lines = [f"{'':24}{'value':>12}   {'95 % interval':<24}"]
     for name, one in result.estimates.items():
@@ -26,8 +27,9 @@ def fit_table(result: Fit) -> str:
         note = "" if one.identified else "not identified"
         title = f"{CONSTANTS[name][0]:24}{factor * one.value:12.4g}"
         lines.append(f"{title}   {interval:<24} {note}".rstrip())
+    stiffness = result.material.membrane_stiffness
     lines += [
-        *result.sizes,
+        f"{'E h':24}{stiffness:12.4g} N/m at h = {1e3 * result.thickness:.3g} mm",
         _quality(result, "not measured"),
         f"fitted to a stretch of {result.measured_to:.3g}, to be trusted to "
         f"{result.trusted_to:.3g}",
@@ -37,12 +39,12 @@ def fit_table(result: Fit) -> str:
     return "\n".join(lines)
 
 
-def _quality(result: Fit, lacking: str) -> str:
+def _quality(result: FitResult, lacking: str) -> str:
     lateral = lacking if result.r2_lateral is None else f"{result.r2_lateral:.4f}"
     return f"R² of the stress {result.r2_stress:.4f}, of the lateral stretch {lateral}"
 
 
-def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
+def write_fit(comm: MPI.Comm, folder: str | Path, result: FitResult) -> None:
     """Write fit.json, fit.txt, fit.csv and fit.png into a folder (collective).
 
     Raises:
@@ -59,7 +61,7 @@ def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
     guarded(comm, folder, write)
 
 
-def _rows(result: Fit) -> list[dict[str, object]]:
+def _rows(result: FitResult) -> list[dict[str, object]]:
     """Return measured and fitted values of all points as rows of a table, in SI units."""
     samples = result.samples
     columns = {
@@ -74,7 +76,7 @@ def _rows(result: Fit) -> list[dict[str, object]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def plot_fit(path: Path, result: Fit) -> None:
+def plot_fit(path: Path, result: FitResult) -> None:
     """Draw stress and lateral stretch beside the data, and the residuals below (one rank)."""
     from toros_fem.results.pictures.style import GRID, SOFT, TALL, page
 

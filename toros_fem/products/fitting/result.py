@@ -27,8 +27,6 @@ CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "c1": ("bound c₁ on a stretch", ""),
         "c2": ("bound c₂ on their sum", ""),
         "knit_ratio": ("ratio of the directions", ""),
-        "fabric": ("E of the fabric", "Pa"),
-        "reinforcement": ("E of the reinforcement", "Pa"),
     }
 )
 # A mean residual beyond this part of the stress there is a misfit; stresses count as this part of
@@ -64,13 +62,17 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Fit:
-    """What was fitted to tensile tests, beside the data.
+class FitResult:
+    """Eq. (1) fitted to tensile tests, beside the data.
 
     Attributes:
-        estimates: Constants by name.
+        estimates: Constants by name: young, poisson, mu, lam, c1, c2; knit_ratio of a knit.
         samples: The points that were fitted.
         stress, lateral: The model's values at these points, (n,) each.
+        thickness: In m; stresses are per width, so that only E h is measured.
+        stiff: Direction of the courses of `knit`, the stiffer of two; None of one direction.
+        taken: What was taken for granted of files and tests, as sentences.
+        doubts: What of it moves the values.
     """
 
     estimates: Mapping[str, Estimate]
@@ -78,6 +80,10 @@ class Fit:
     stress: Floats
     lateral: Floats
     options: FitOptions
+    thickness: float
+    stiff: str | None = None
+    taken: Sequence[str] = ()
+    doubts: Sequence[str] = ()
 
     @property
     def specimens(self) -> tuple[str, ...]:
@@ -120,69 +126,6 @@ class Fit:
                 if mean > MISFIT * max(samples.stress[rows].mean(), least):
                     worst = min(worst, int(k))
         return 1 + (largest if worst == PARTS else largest * worst / PARTS)
-
-    @property
-    def remarks(self) -> list[str]:
-        """What a reader must know, as sentences."""
-        far = "infinity: the data do not come near this bound."
-        found = [
-            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches "
-            + ("an end of what the fit allows." if np.isfinite(one.high) else far)
-            for name, one in self.estimates.items()
-            if not one.identified
-        ]
-        if self.trusted_to < self.measured_to:
-            found.append(
-                f"Beyond a stretch of {self.trusted_to:.3g} the mean residual exceeds 10 %: fit "
-                "fewer data by --up-to, or mistrust the model there."
-            )
-        found.append(
-            f"The tests are uniaxial, with stretches from 1 to {self.measured_to:.3g}: larger "
-            "ones, compression, shear and biaxial stretching are extrapolated."
-        )
-        return found
-
-    @property
-    def sizes(self) -> list[str]:
-        """Further lines of the table."""
-        return []
-
-    def summary(self) -> dict[str, Any]:
-        """Return the result as JSON holds it."""
-        return {
-            "estimates": {
-                name: asdict(one) | {"high": one.high if np.isfinite(one.high) else None}
-                for name, one in self.estimates.items()
-            },
-            "r2_stress": self.r2_stress,
-            "r2_lateral": self.r2_lateral,
-            "stretch_measured_to": self.measured_to,
-            "stretch_trusted_to": self.trusted_to,
-            "specimens": list(self.specimens),
-            "directions": list(self.samples.direction),
-            "points": len(self.samples.strain),
-            "remarks": self.remarks,
-            "inputs": self.options.as_dict(),
-        }
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FitResult(Fit):
-    """Eq. (1) fitted to tensile tests: young, poisson, mu, lam, c1, c2; knit_ratio of a knit.
-
-    Attributes:
-        thickness: In m; stresses are per width, so that only E h is measured.
-        stiff: Direction of the courses of `knit`, the stiffer of two; None of one direction.
-        rounds: Rounds of simulations of the clamped strip; 0 without.
-        taken: What was taken for granted of files and tests, as sentences.
-        doubts: What of it moves the values.
-    """
-
-    thickness: float
-    stiff: str | None = None
-    rounds: int = 0
-    taken: Sequence[str] = ()
-    doubts: Sequence[str] = ()
 
     @property
     def doubted(self) -> list[str]:
@@ -232,7 +175,7 @@ class FitResult(Fit):
     @property
     def remarks(self) -> list[str]:
         """What a reader must know, as sentences."""
-        found = []
+        found = [*self.taken, *(f"In doubt: {text}" for text in self.doubted)]
         if self.stiff is not None:
             found.append(
                 f"{self.stiff!r} is the stiffer direction: the courses of `Knit` run along it."
@@ -241,23 +184,43 @@ class FitResult(Fit):
             found.append(
                 "No lateral stretch was measured: poisson and c2 follow from the stress alone."
             )
-        doubts = [f"In doubt: {text}" for text in self.doubted]
-        return [*self.taken, *doubts, *found, *super().remarks]
-
-    @property
-    def sizes(self) -> list[str]:
-        """Further lines of the table."""
-        stiffness = self.material.membrane_stiffness
-        return [f"{'E h':24}{stiffness:12.4g} N/m at h = {1e3 * self.thickness:.3g} mm"]
+        far = "infinity: the data do not come near this bound."
+        found += [
+            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches "
+            + ("an end of what the fit allows." if np.isfinite(one.high) else far)
+            for name, one in self.estimates.items()
+            if not one.identified
+        ]
+        if self.trusted_to < self.measured_to:
+            found.append(
+                f"Beyond a stretch of {self.trusted_to:.3g} the mean residual exceeds 10 %: fit "
+                "fewer data by --up-to, or mistrust the model there."
+            )
+        found.append(
+            f"The tests are uniaxial, with stretches from 1 to {self.measured_to:.3g}: larger "
+            "ones, compression, shear and biaxial stretching are extrapolated."
+        )
+        return found
 
     def summary(self) -> dict[str, Any]:
         """Return the result as JSON holds it."""
         return {
-            **super().summary(),
+            "estimates": {
+                name: asdict(one) | {"high": one.high if np.isfinite(one.high) else None}
+                for name, one in self.estimates.items()
+            },
+            "r2_stress": self.r2_stress,
+            "r2_lateral": self.r2_lateral,
+            "stretch_measured_to": self.measured_to,
+            "stretch_trusted_to": self.trusted_to,
+            "specimens": list(self.specimens),
+            "directions": list(self.samples.direction),
+            "points": len(self.samples.strain),
+            "remarks": self.remarks,
+            "inputs": self.options.as_dict(),
             "thickness_m": self.thickness,
             "membrane_stiffness_n_per_m": self.material.membrane_stiffness,
             "stiff_direction": self.stiff,
-            "clamp_rounds": self.rounds,
             "doubts": self.doubted,
         }
 

@@ -103,31 +103,13 @@ def minimise(problem: Problem, start: Floats, sigma: Floats) -> tuple[Floats, fl
     return np.asarray(found.x), float(found.cost)
 
 
-def covariance(problem: Problem, solution: Solution) -> tuple[Floats, int]:
-    """Return the covariance of the parameters by the curvature of the loss, and its degrees.
-
-    It is s² (JᵀJ)⁻¹ with s² = Σψ²/(n − p)/(mean ψ′)² (Huber 1981), ψ the derivative of the loss.
-    What the data do not tell at all is spread over its bounds. Residuals are taken to be
-    independent.
-    """
-    low, high = problem.bounds
-    J = solution.jac / solution.sigma[:, None]
-    residuals = (problem.measured - solution.values) / solution.sigma
-    psi, bend = influence(residuals, problem.loss)
-    degrees = max(len(psi) - len(low), 1)
-    variance = float(psi @ psi) / degrees / max(float(bend.mean()), 0.1) ** 2
-    precision = J.T @ J / max(variance, 1e-12) + np.diag((high - low) ** -2.0)
-    return np.linalg.inv(precision), degrees
-
-
-def influence(residuals: Any, loss: str) -> tuple[Floats, Floats]:
-    """Return ψ and ψ′, the first two derivatives of a loss by residuals over their deviation."""
-    z = (residuals / TUNING) ** 2
+def influence(residuals: Any, loss: str) -> Floats:
+    """Return ψ, the derivative of a loss by residuals over their deviation."""
     if loss == "soft-l1":
-        return residuals / np.sqrt(1 + z), (1 + z) ** -1.5
+        return np.asarray(residuals / np.sqrt(1 + (residuals / TUNING) ** 2))
     if loss == "huber":
-        return np.clip(residuals, -TUNING, TUNING), (z < 1).astype(np.float64)
-    return residuals, np.ones_like(residuals)
+        return np.clip(residuals, -TUNING, TUNING)
+    return residuals
 
 
 def _spread(residuals: Floats, kept: float, loss: str) -> float:
@@ -138,9 +120,9 @@ def _spread(residuals: Floats, kept: float, loss: str) -> float:
     """
     normal = np.linspace(-8, 8, 4001)
     density = np.exp(-(normal**2) / 2)
-    expected = float(influence(normal, loss)[0] ** 2 @ density / density.sum())
+    expected = float(influence(normal, loss) ** 2 @ density / density.sum())
     spread = max(NORMAL_MAD * float(np.median(np.abs(residuals))), EXACT)
     for _ in range(SPREAD_STEPS):
-        psi, _ = influence(residuals / spread, loss)
+        psi = influence(residuals / spread, loss)
         spread = max(spread * float(np.sqrt(np.mean(psi**2) / (kept * expected))), EXACT)
     return spread

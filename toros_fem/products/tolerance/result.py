@@ -30,7 +30,6 @@ class Variant:
         quantity: What is off, a key of `WORDS`.
         change: By how much: a width in m, all else as a fraction.
         values: Objective and metrics by key, simulated; empty without an equilibrium.
-        predicted: The same to first order, from the tangent at the skin as drawn.
         notes: What is not as usual, as sentences: lines that vanish or merge, another equilibrium.
         steps: Number of Newton steps.
         made: Lines and gaps of the print; None where it is as drawn.
@@ -41,7 +40,6 @@ class Variant:
     quantity: str
     change: float
     values: Mapping[str, float]
-    predicted: Mapping[str, float]
     notes: tuple[str, ...] = ()
     steps: int = 0
     made: Printability | None = None
@@ -90,9 +88,9 @@ class Tolerances:
     steps: tuple[int, int]
     seconds: tuple[float, float]
 
-    def change(self, variant: Variant, key: str, *, predicted: bool = False) -> float | None:
+    def change(self, variant: Variant, key: str) -> float | None:
         """Return by how much a metric, or the objective, moves; None without an equilibrium."""
-        found = (variant.predicted if predicted else variant.values).get(key)
+        found = variant.values.get(key)
         return None if found is None else found - self.nominal[key]
 
     def worst(self, key: str) -> Variant | None:
@@ -141,7 +139,7 @@ class Tolerances:
             f"As drawn: {drawn} at {self.pressure / 1e3:.2f} kPa, {self.triangles} triangles that "
             f"follow the print; on the mesh of the design {own}.",
             *([f"Thinnest {', '.join(thinnest)}."] if thinnest else []),
-            "Changes as simulated [to first order]:",
+            "Changes as simulated:",
             *_aligned([*rows, *map(self._cells, self.variants)]),
             *(f"{v.words}: {note}" for v in self.variants for note in v.notes),
             *self.worst_sentences,
@@ -152,11 +150,7 @@ class Tolerances:
 
     def _cells(self, v: Variant) -> list[str]:
         """Return the cells of a variant in the table of the report."""
-        changes = [
-            f"{m.formatted(self.change(v, m.key), sign=True)} "
-            f"[{m.formatted(self.change(v, m.key, predicted=True), sign=True)}]"
-            for m in self.metrics
-        ]
+        changes = [m.formatted(self.change(v, m.key), sign=True) for m in self.metrics]
         change = self.change(v, OBJECTIVE)
         objective = NONE if change is None else f"{change:+.2e}".replace("-", "−")
         ways = [] if v.made is None else _thinnest(v.made).values()
@@ -164,14 +158,13 @@ class Tolerances:
         return [v.quantity, v.label, *changes, objective, made]
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each variant, simulated and predicted, as tables have them."""
+        """Return a row for each variant, as tables have them."""
         found = []
         for v in self.variants:
             row: dict[str, Any] = {"quantity": v.quantity, "change": v.label}
             for key in self.nominal:
                 row[key] = v.values.get(key)
                 row[f"{key}_change"] = self.change(v, key)
-                row[f"{key}_change_first_order"] = self.change(v, key, predicted=True)
             found.append(row | _thinnest(v.made) | {"newton_steps": v.steps})
         return found
 

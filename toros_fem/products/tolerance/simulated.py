@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -24,13 +25,10 @@ from toros_fem.meshes.moving import border_motion, with_flat_points
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.rates import MovedSkin, Rate, TangentRates, values_at
+from toros_fem.products.tolerance.moved_skin import MovedSkin, values_at
 from toros_fem.products.tolerance.result import Tolerances, Variant
 from toros_fem.products.tolerance.worn import broken_lines, offset_print
 
-# Step of differences by the way of the borders, over the way that is simulated: on stiff triangles
-# the residual is far from linear in it.
-BORDER_STEP = 1e-2
 # Parts of the materials that may be off: what they are called, and material and field.
 STIFFNESSES = (
     ("fabric modulus", "fabric", "young"),
@@ -67,7 +65,7 @@ def tolerances(
 
     The print is simulated on a mesh along its borders. Where lines are wider or narrower,
     the vertices on these borders move, and the triangles stay the same: differences are not those
-    of two meshes. Each variant starts from the drawn skin's equilibrium and its first-order change.
+    of two meshes. Each variant starts from the drawn skin's equilibrium.
 
     Args:
         problem: The design problem.
@@ -139,7 +137,6 @@ class _Study:
         self.density, self.equilibrium = made.projected, made.equilibrium
         self.density_of_all = skin.gather_cells(self.density)
         self.nominal = values_at(problem, self.equilibrium.positions)
-        self.rates = TangentRates(problem, self.density, self.equilibrium)
 
     def variants(self, config: ToleranceConfig) -> Iterator[Variant]:
         """Yield all variants by quantity, from less to more."""
@@ -160,18 +157,14 @@ class _Study:
         printed = self.density_of_all > 0.5
         motion = on_first_rank(self.comm, lambda: border_motion(pattern, printed, width))
 
-        def moved(amount: float) -> MovedSkin:
-            way = amount / 2 * motion  # a line is wider by twice the way of its borders
-            other = on_first_rank(
-                self.comm, lambda: with_flat_points(pattern, pattern.flat_points + way)
-            )
-            return MovedSkin(self.problem.on(other), pattern, way, unknowns)
-
-        step = BORDER_STEP * width
-        rate = self.rates.by_borders(moved(-step), moved(step), self.density_of_all, step)
         for factor in (-2, -1, 1, 2):
-            skin = moved(factor * width)
-            found = self._solved("print width", factor * width, rate, moved=skin)
+            # A line is wider by twice the way of its borders.
+            way = factor * width / 2 * motion
+            other = on_first_rank(
+                self.comm, partial(with_flat_points, pattern, pattern.flat_points + way)
+            )
+            skin = MovedSkin(self.problem.on(other), pattern, way, unknowns)
+            found = self._solved("print width", factor * width, moved=skin)
             yield self._worn(found, skin)
 
     def _stiffnesses(self, name: str, material: str, part: str, size: float) -> Iterator[Variant]:
@@ -182,50 +175,43 @@ class _Study:
             other = replace(sheet, **{part: factor * getattr(sheet, part)})
             return replace(composite, **{material: other})
 
-        rate = self.rates.by_composite(changed)
         for amount in (-size, size):
             solver = self.problem.solver.like(composite=changed(1 + amount), log=None)
-            yield self._solved(name, amount, rate, solver)
+            yield self._solved(name, amount, solver)
 
     def _pressures(self, size: float) -> Iterator[Variant]:
-        rate = self.rates.by_pressure()
         for amount in (-size, size):
             pressures = [(1 + amount) * p for p in self.equilibrium.pressures]
-            yield self._solved("pressure", amount, rate, pressures=pressures)
+            yield self._solved("pressure", amount, pressures=pressures)
 
     def _solved(
         self,
         quantity: str,
         amount: float,
-        rate: Rate,
         solver: EquilibriumSolver | None = None,
         pressures: Sequence[float] | None = None,
         moved: MovedSkin | None = None,
     ) -> Variant:
-        """Return a variant, at the places of the skin as drawn, from where the rate leads.
+        """Return a variant, at the places of the skin as drawn.
 
         Solver and pressures are those of the drawn skin, if the quantity changes no others.
         """
-        predicted = {k: value + amount * rate.values[k] for k, value in self.nominal.items()}
-        state, along = self.equilibrium.state, amount * rate.motion
-        density, starts = self.density, [state + along, state.copy()]
+        density, start = self.density, self.equilibrium.state.copy()
         if moved is not None:
-            solver = moved.problem.solver
+            solver, start = moved.problem.solver, moved.state()
             density = self.density_of_all[moved.problem.skin.owned_cells]
-            starts = [moved.state(self.problem.solver.model.patch.gather(along)), moved.state()]
         solver = solver or self.problem.solver
-        start = next(filter(solver.model.admits, starts), None)
         load = Load(pressures or self.equilibrium.pressures, self.problem.physics.force)
         try:
-            found = solver.solve(density, load, start)
+            found = solver.solve(density, load, start if solver.model.admits(start) else None)
         except EquilibriumError as caught:  # raised by all ranks or by none
-            return Variant(quantity, amount, {}, predicted, (str(caught),), caught.steps)
+            return Variant(quantity, amount, {}, (str(caught),), caught.steps)
         notes = (found.condition.sentences,) if found.condition.sentences else ()
         places = found.positions
         if moved is not None:
             places = moved.before(places)[self.problem.skin.owned_vertices]
         values = values_at(self.problem, places)
-        return Variant(quantity, amount, values, predicted, notes, found.steps)
+        return Variant(quantity, amount, values, notes, found.steps)
 
     def _worn(self, variant: Variant, skin: MovedSkin) -> Variant:
         """Return a variant with what its lines and gaps have become."""

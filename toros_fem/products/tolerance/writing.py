@@ -54,7 +54,6 @@ def plot_tolerances(path: Path, found: Tolerances) -> None:
 
     pairs = by_size(found)
     bars = [(k, v) for k, pair in enumerate(pairs) for v in pair]
-    tick = {"color": ACCENT, "marker": "|", "ls": "", "ms": 13, "mew": 2}
     height = 1.9 + 0.34 * len(pairs)
     where = {"left": 0.24, "right": 0.97, "bottom": 0.75 / height, "top": 1 - 0.85 / height}
     title = next(iter(found.worst_sentences), "What a skin does that is not made as drawn")
@@ -67,11 +66,10 @@ def plot_tolerances(path: Path, found: Tolerances) -> None:
             for row, variant in bars:
                 change = found.change(variant, key)
                 if change is None:
-                    axes.plot(nominal, row, **{**tick, "marker": "x", "ms": 9})
+                    axes.plot(nominal, row, color=ACCENT, marker="x", ls="", ms=9, mew=2)
                 else:
                     colour = LESS if variant.change < 0 else DARK
                     axes.barh(row, change, left=nominal, height=0.62, color=colour)
-                axes.plot(variant.predicted[key], row, **tick)
             axes.axvline(nominal, color=INK, lw=0.8)
             if metric.target is not None:
                 axes.axvline(metric.target, color=ACCENT, linestyle="--", lw=1)
@@ -81,11 +79,7 @@ def plot_tolerances(path: Path, found: Tolerances) -> None:
             axes.grid(axis="x")
         names = [f"{pair[0].quantity} ± {pair[0].amount}" for pair in pairs]
         grid[0, 0].set_yticks(range(len(pairs)), names)
-        words = [
-            ("■ less than drawn", LESS),
-            ("■ more than drawn", DARK),
-            ("| first order", ACCENT),
-        ]
+        words = [("■ less than drawn", LESS), ("■ more than drawn", DARK)]
         if any(not variant.values for variant in found.variants):
             words.append(("× no equilibrium", ACCENT))
         for k, (text, colour) in enumerate(words):

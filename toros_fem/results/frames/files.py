@@ -11,7 +11,7 @@ import numpy as np
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError
-from toros_fem.base.files import remove_file, replace_file
+from toros_fem.base.files import replace_file
 
 FOLDER = "frames"
 # Frames over iterations that are kept, besides the newest.
@@ -84,7 +84,7 @@ def forget_from(folder: Path, series: str, number: int) -> None:
     """
     for other in numbers(folder, series):
         if other >= number:
-            remove_file(folder / f"{series}-{other:06d}.npz")
+            (folder / f"{series}-{other:06d}.npz").unlink(missing_ok=True)
 
 
 def rename(folder: Path, series: str, name: str) -> None:
@@ -98,7 +98,7 @@ def rename(folder: Path, series: str, name: str) -> None:
     for number in there:
         path = folder / f"{series}-{number:06d}.npz"
         replace_file(folder / f"{name}-{number:06d}.npz", path.read_bytes())
-        remove_file(path)
+        path.unlink(missing_ok=True)
 
 
 def thin(folder: Path, series: str) -> None:
@@ -113,4 +113,4 @@ def thin(folder: Path, series: str) -> None:
         distance *= 2
     for number in there[:-1]:
         if number % distance:
-            remove_file(folder / f"{series}-{number:06d}.npz")
+            (folder / f"{series}-{number:06d}.npz").unlink(missing_ok=True)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from PIL import Image as Bitmap
 
 from toros_fem.base.errors import OutputError, ParameterError
-from toros_fem.base.files import listing, naming, replace_file
+from toros_fem.base.files import naming, replace_file
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import formatted
 from toros_fem.results.frames.files import Frame
@@ -66,7 +66,7 @@ def write_animation(folder: str | Path, series: str = "pressure") -> Path:
     times[-1] = HELD
     if series == "pressure":  # back to rest
         pictures, times = pictures + pictures[-2:0:-1], times + [SHOWN] * (len(pictures) - 2)
-    with naming(path), listing(run.folder):
+    with naming(path):
         replace_file(path.with_suffix(".apng"), _moving(pictures, times, "PNG", MANY))
         replace_file(path, _moving(pictures, times, "GIF", FEW))
     return path

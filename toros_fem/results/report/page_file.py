@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 
 from toros_fem.base.errors import OutputError, TorosError
-from toros_fem.base.files import listing, naming, replace_file
+from toros_fem.base.files import naming, replace_file
 from toros_fem.making.packages import required, template
 from toros_fem.results.report import tables
 from toros_fem.results.report.scene import packed_scene
@@ -31,7 +31,7 @@ def write_report(folder: str | Path) -> Path:
     """
     run = read_run(folder)
     page, path = page_of(run), run.folder / NAME
-    with naming(path), listing(run.folder):
+    with naming(path):
         replace_file(path, page.encode())
     return path
 

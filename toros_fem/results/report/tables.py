@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from toros_fem.base.units import duration
 from toros_fem.base.validation import is_number
@@ -174,22 +173,17 @@ def further_figures(run: Run) -> Pairs:
 def tolerances(run: Run) -> tuple[list[str], Table]:
     """Return sentences on the worst of the skins that are not made as drawn, and all of them.
 
-    Changes are as simulated, and to first order in brackets. Both are empty if none is there.
+    Both are empty if none is there.
     """
     variants = run.tolerance.get("variants") or []
     metrics = metrics_of(run.summary, list(run.tolerance.get("nominal") or {}))
     if not variants or not metrics:
         return [], Table([], [])
     worst = [entry["sentence"] for entry in (run.tolerance.get("worst") or {}).values()]
-
-    def change(row: Mapping[str, Any], key: str) -> str:
-        simulated, linear = (row[f"{key}_change{way}"] for way in ("", "_first_order"))
-        return f"{_signed(simulated)} [{_signed(linear)}]"
-
     rows = [
         [
             f"{row['quantity']} {row['change']}",
-            *(change(row, metric.key) for metric in metrics),
+            *(_signed(row[f"{metric.key}_change"]) for metric in metrics),
             " ".join(row["notes"]),
         ]
         for row in variants

@@ -6,6 +6,7 @@ import hashlib
 import json
 import logging
 import os
+import re
 import shlex
 import signal
 from collections.abc import Callable, Mapping
@@ -21,10 +22,8 @@ from mpi4py import MPI
 from toros_fem.base.archive import FORMAT
 from toros_fem.base.errors import CheckpointError, FileError, OutputError, RunStoppedError
 from toros_fem.base.files import (
-    add_to_list,
+    UNFINISHED,
     guarded,
-    listed,
-    listing,
     read_bytes,
     read_json,
     reading,
@@ -35,10 +34,9 @@ from toros_fem.base.files import (
 from toros_fem.base.program import program
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
-from toros_fem.results.runs.earlier import move_aside, move_back
-from toros_fem.results.runs.files import RECORD, SCENE, STATE
+from toros_fem.results.runs.files import RECORD, SCENE, STATE, files_of_run, require_no_link
 from toros_fem.results.runs.journal import RunJournal
-from toros_fem.results.runs.lock import FolderLock
+from toros_fem.results.runs.lock import NAME, FolderLock
 from toros_fem.results.runs.signals import Signals
 from toros_fem.results.runs.warnings import WarningList
 
@@ -57,6 +55,9 @@ UNUSABLE = (
 )
 
 _open: dict[Path, OpenRun] = {}
+_HALF = re.compile(rf"\..*{re.escape(UNFINISHED)}")
+# Folders in which scripts began results without an open run.
+_begun: set[Path] = set()
 
 
 @dataclass(frozen=True)
@@ -167,11 +168,32 @@ def journal_of(folder: str | Path) -> RunJournal | None:
 
 def require_open(folder: Path) -> None:
     """Check that a folder holds no run whose files would be replaced, or an open one (one rank)."""
-    if run_of(folder) is None and (folder / STATE / RECORD).exists():
+    own = run_of(folder) is not None or folder.resolve() in _begun
+    if not own and (folder / STATE / RECORD).exists():
         raise OutputError(
-            f"{folder} holds a run, whose files would be replaced. Choose another folder, or let "
-            "`open_run` move it aside."
+            f"{folder} holds a run, whose files would be replaced. Choose another folder, or begin "
+            "there by `open_run(…, overwrite=True)`."
         )
+
+
+def begin_folder(comm: MPI.Comm, folder: str | Path, *, overwrite: bool = False) -> None:
+    """Begin a folder of results without states, as `open_run` does (collective).
+
+    Nothing is done in the folder of an open run, or inside it.
+
+    Raises:
+        OutputError: As of `open_run`.
+    """
+    folder = Path(folder)
+    if run_of(folder) is not None:
+        return
+
+    def begin() -> None:
+        with ExitStack() as stack:
+            _anew(folder, RunRecord({}, "", written_by=__version__), None, stack, overwrite)
+
+    _in_folder(comm, folder, begin)
+    _begun.add(folder.resolve())
 
 
 def open_run(
@@ -181,13 +203,11 @@ def open_run(
     *,
     scene: str | None = None,
     resume: bool = False,
+    overwrite: bool = False,
     every: int = EVERY,
     again: str | None = None,
 ) -> OpenRun:
-    """Open a run folder: lock it, and move the files of an earlier run aside (collective).
-
-    Files of an earlier run go to earlier-1, earlier-2, … inside the folder; other files stay. They
-    come back if the new run ends by an error before it has written anything.
+    """Open and lock the folder of a run that is new, goes on, or is overwritten (collective).
 
     Args:
         inputs: All inputs, as JSON has them. They tell this run from others, but for those under
@@ -195,13 +215,14 @@ def open_run(
         scene: Text of the scene that it is made from, written to scene.toml; None without.
         resume: Whether to go on with the run in the folder; its files stay. A finished one goes on
             if inputs under `FREE` are others.
+        overwrite: Whether the files of a run in the folder are removed first, by the names of
+            `files_of_run`; all other files stay, and no link is followed.
         every: Number of iterations between two writes of the state.
         again: Command that goes on, for the line that tells it; None takes `toros resume`.
 
     Raises:
-        OutputError: Another process uses the folder, it cannot be written to, a file in it that no
-            run wrote has the name of a file of runs, or the run in it is finished.
-        FileError: There is no run in it to resume.
+        OutputError: Another process uses the folder, it cannot be written to, it is not empty, or
+            holds no run to resume or to overwrite.
         CheckpointError: The run in it has other inputs, or is of a newer version.
     """
     require_count(1, every=every)
@@ -210,8 +231,8 @@ def open_run(
     identity = hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()
     new = RunRecord(dict(inputs), identity, written_by=__version__)
     with ExitStack() as stack:
-        begin = _resume if resume else _anew
-        record = _in_folder(comm, folder, partial(begin, folder, new, scene, stack))
+        begin = partial(_resume if resume else partial(_anew, overwrite=overwrite), folder, new)
+        record = _in_folder(comm, folder, partial(begin, scene, stack))
         closing = stack.pop_all()
     again = again or f"{program()} resume {shlex.quote(str(folder))}"
     return OpenRun(comm, folder, record, closing, every=every, again=again)
@@ -230,7 +251,10 @@ def _resume(folder: Path, new: RunRecord, scene: str | None, stack: ExitStack) -
             "start a new run without resuming."
         )
     remove_unfinished(folder)
+    require_no_link(folder)
     if record.inputs == new.inputs:
+        if scene is not None and not (folder / SCENE).exists():  # a kill came before it
+            replace_file(folder / SCENE, scene.encode())
         return record
     changed = replace(record, inputs=new.inputs, finished=False, changed=True)
     before = None if scene is None else (folder / SCENE).read_text(encoding="utf-8")
@@ -254,44 +278,61 @@ def _unchange(
         _write_run(folder, record, scene)
 
 
-def _anew(folder: Path, record: RunRecord, scene: str | None, stack: ExitStack) -> RunRecord:
-    """Lock a folder, move an earlier run in it aside, and write scene and record (one rank)."""
+def _anew(
+    folder: Path, record: RunRecord, scene: str | None, stack: ExitStack, overwrite: bool
+) -> RunRecord:
+    """Lock an empty folder, or one whose run is removed, and write record and scene (one rank)."""
+    _require_room(folder, overwrite=overwrite)
     folder.mkdir(parents=True, exist_ok=True)
     stack.callback(FolderLock(folder).release)
+    empty = _require_room(folder, overwrite=overwrite)  # another process may have begun just now
     remove_unfinished(folder)
-    earlier = _read_record(folder) if (folder / STATE / RECORD).exists() else None
-    moved = move_aside(folder)
-    if moved is not None:
-        ended = earlier is None or earlier.finished
-        of = "an earlier run" if ended else "a run that was not finished"
-        log.warning("files of %s are now in %s", of, moved)
-        stack.push(partial(_undo, folder, moved))
-    add_to_list(folder, [STATE])
-    with listing(folder):  # a folder around it may have a list too
-        (folder / STATE).mkdir()
-        _write_run(folder, record, scene)
+    if not empty:
+        *others, _ = files_of_run(folder)
+        for path in others:
+            path.unlink()
+        for place in {path.parent for path in others} - {folder, folder / STATE}:
+            with suppress(OSError):  # what is not empty stays
+                place.rmdir()
+    (folder / STATE).mkdir(exist_ok=True)
+    _write_run(folder, record, scene)
     return record
 
 
+def _require_room(folder: Path, *, overwrite: bool) -> bool:
+    """Check that a folder is missing, empty, or of a run that is overwritten; whether it is empty.
+
+    What a run that was killed at its very beginning leaves, a lock and a folder, is nothing.
+    """
+    if not os.path.lexists(folder):
+        return True
+    left, state = _whole(folder) - {NAME}, folder / STATE
+    if not left or (left == {STATE} and not state.is_symlink() and not _whole(state)):
+        return True
+    if not overwrite:
+        again = ", or replace its run by --overwrite" if (state / RECORD).exists() else ""
+        raise OutputError(
+            f"{folder} is not empty. Choose another folder{again}; nothing was done to its files."
+        )
+    if not (state / RECORD).is_file() or (state / RECORD).is_symlink():
+        raise OutputError(
+            f"{folder} holds no run that could be overwritten: {state / RECORD} is missing. Choose "
+            "another folder, or empty this one; nothing was done to its files."
+        )
+    _read_record(folder)
+    return False
+
+
+def _whole(folder: Path) -> set[str]:
+    """Return the names in a folder, but for files that a killed process was writing."""
+    return {name for name in os.listdir(folder) if not _HALF.fullmatch(name)}
+
+
 def _write_run(folder: Path, record: RunRecord, scene: str | None) -> None:
+    """Write the record first: with it a folder can go on, or be overwritten."""
+    _write_record(folder, record)
     if scene is not None:
         replace_file(folder / SCENE, scene.encode())
-    _write_record(folder, record)
-
-
-def _undo(folder: Path, moved: Path, kind: type[BaseException] | None, *_: Any) -> None:
-    """Move an earlier run back, where an error ended the new one before it wrote anything."""
-    fresh = {folder / SCENE, folder / STATE / RECORD}
-    new = [*(folder / STATE).glob("*"), *(folder / name for name in listed(folder))]
-    written = {path for path in new if path.is_file()} - fresh
-    if kind is None or issubclass(kind, RunStoppedError) or written:
-        return
-    for path in fresh:
-        path.unlink(missing_ok=True)
-    with suppress(FileNotFoundError):
-        (folder / STATE).rmdir()
-    move_back(moved)
-    log.warning("the new run wrote nothing; files of the earlier one are back in %s", folder)
 
 
 def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | None]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.errors import CheckpointError, OutputError
-from toros_fem.base.files import UNFINISHED, reason
+from toros_fem.base.files import reason
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import __version__
 from toros_fem.design.loop.journal import KIND, Journal, JournalEntry
@@ -25,9 +24,6 @@ if TYPE_CHECKING:  # a run opens its journals
 # Key of what a checkpoint belongs to, and what to do where it cannot serve.
 OWNER = "belongs_to"
 REMEDY = "Remove it to lose this part of the run alone, or start the run anew."
-# Ending of the checkpoint before the last one, and what to do where only that one is whole.
-BEFORE = ".before"
-OFFER = "The one before it is whole: remove {} alone to go on from there."
 log = logging.getLogger(__name__)
 
 
@@ -54,42 +50,30 @@ class RunEntry(JournalEntry):
 
     def __init__(self, comm: MPI.Comm, run: OpenRun, path: Path, signature: str) -> None:
         self._comm, self._run, self._path = comm, run, path
-        self._before = path.with_name(path.name + BEFORE)
         self._belongs_to = {"inputs": run.record.identity, "problem": signature}
         self._since = run.every  # the first one is written
 
     def saved(self) -> Archive | None:
         """Return the checkpoint of an earlier, interrupted run; None without (collective).
 
-        Where it was removed, the one before it is taken. That of another loop is none, if the run's
-        inputs were changed. From now on a stop waits for the next `offer`.
+        That of another loop is none, if the run's inputs were changed. From now on a stop waits
+        for the next `offer`.
 
         Raises:
-            CheckpointError: It is damaged, of a newer version, or belongs to something else; the
-                one before it is offered if it is whole.
+            CheckpointError: It is damaged, of a newer version, or belongs to something else.
         """
 
         def read() -> Archive | None:
-            there = [path for path in (self._path, self._before) if path.exists()]
-            if not there:
+            if not self._path.exists():
                 return None
-            try:
-                found = self._read(there[0])
-            except CheckpointError as damaged:
-                with suppress(CheckpointError):
-                    self._read(there[1] if len(there) > 1 else there[0])
-                    text = str(damaged).removesuffix(REMEDY) + OFFER.format(self._path)
-                    damaged = CheckpointError(text)
-                raise damaged from None
+            found = read_archive(self._path, KIND, self._own, CheckpointError, REMEDY)
             if found is None:
-                log.warning("%s is of another loop, and is made anew", there[0])
+                log.warning("%s is of another loop, and is made anew", self._path)
                 return None
-            if there[0] == self._before:
-                log.warning("%s is missing; the one before it is taken", self._path)
             if found.written_by != __version__:
                 log.warning(
                     "%s was written by toros_fem %s; this is %s, and digits may differ",
-                    there[0], found.written_by, __version__,
+                    self._path, found.written_by, __version__,
                 )  # fmt: skip
             return found
 
@@ -118,9 +102,6 @@ class RunEntry(JournalEntry):
         """Say that no checkpoint will come soon, so that a stop need not wait for it."""
         self._run.signals.waits = False
 
-    def _read(self, path: Path) -> Archive | None:
-        return read_archive(path, KIND, self._own, CheckpointError, REMEDY)
-
     def _own(self, archive: Archive) -> Archive | None:
         """Return the content of a file; None for another loop, if the inputs were changed."""
         owner = archive.numbers.get(OWNER, {})
@@ -140,11 +121,6 @@ class RunEntry(JournalEntry):
         def write() -> None:
             try:
                 whole = replace(checkpoint, numbers=numbers)
-                with suppress(OSError):  # there is none, or no links on this disk
-                    beside = self._path.with_suffix(UNFINISHED)
-                    beside.unlink(missing_ok=True)
-                    beside.hardlink_to(self._path)
-                    beside.rename(self._before)
                 write_archive(self._path, whole, compress=False)
             except OSError as caught:
                 raise OutputError(
