@@ -35,7 +35,7 @@ def state(number: int) -> Archive:
     )
 
 
-def run(folder: Path, **how: bool) -> None:
+def run(folder: Path, **how: Any) -> None:
     """A tiny run: its scene, its record, a state after each step, a table and a summary."""
     with open_run(ALONE, folder, INPUTS, scene="# mine\n", every=1, **how) as opened:
         entry = opened.journal(folder).entry(ALONE, "loop")
@@ -171,7 +171,8 @@ def full() -> None:
 @pytest.mark.parametrize("how", ["resume", "overwrite"])
 def test_a_folder_in_use(how: str, tmp_path: Path) -> None:
     """Refused with the process that uses it, until that is dead."""
-    folder, options = tmp_path / "run", {how: True}
+    folder = tmp_path / "run"
+    options: dict[str, Any] = {how: True}
     with pytest.MonkeyPatch.context() as patch:
         failing_at(patch, 8, lambda: os._exit(9))
         assert child(partial(run, folder)) == 9

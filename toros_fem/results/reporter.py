@@ -32,8 +32,8 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
         attempt: Number of the attempt at the design whose shapes are recorded; the first one is 0.
 
     Raises:
-        OutputError: The folder cannot be made or written to; here and in each call.
-        RunError: It is neither empty nor that of an open run, and not to be overwritten.
+        OutputError: A file cannot be written, in a call.
+        RunError: The folder cannot be made, or is neither empty, of an open run, nor overwritten.
     """
 
     @collective("comm")

@@ -267,7 +267,8 @@ def test_nothing_is_written_through_a_linked_folder(
         outside.mkdir()
     (folder / name).symlink_to(outside)
     before = names(outside)
-    for how in ({"resume": True}, {"overwrite": True}):
+    ways: list[dict[str, Any]] = [{"resume": True}, {"overwrite": True}]
+    for how in ways:
         with pytest.raises(RunError, match=f"{name} is a link, through which"):
             open_run(alone, folder, INPUTS, **how)
     assert names(outside) == before
@@ -351,7 +352,8 @@ def test_damaged_and_newer_records_are_told(
         changed = json.dumps({**json.loads(text), **change})
         record.write_text(changed)
     comm.barrier()
-    for how in ({"resume": True}, {"overwrite": True}):
+    ways: list[dict[str, Any]] = [{"resume": True}, {"overwrite": True}]
+    for how in ways:
         with pytest.raises(CheckpointError, match=message):
             open_run(comm, folder, INPUTS, **how)
     assert (folder / "summary.json").exists(), "nothing was removed"
