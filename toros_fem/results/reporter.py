@@ -31,8 +31,8 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
         attempt: Number of the attempt at the design whose shapes are recorded; the first one is 0.
 
     Raises:
-        OutputError: The folder cannot be made or written to; here and in each call.
-        OutputError: It is neither empty nor that of an open run, and not to be overwritten.
+        OutputError: The folder cannot be made or written to; here and in each call. It is neither
+            empty nor that of an open run, and not to be overwritten.
     """
 
     def __init__(self, comm: MPI.Comm, folder: str | Path, *, overwrite: bool = False) -> None:

@@ -247,7 +247,9 @@ def estimates_of(
     """
     found = {}
     for name, value in values.items():
-        low, high = np.percentile(draws[name], [50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)])
+        ends = [50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)]
+        # Of n draws n + 1 gaps are alike: other percentiles of few draws are too near.
+        low, high = np.percentile(draws[name], ends, method="weibull")
         low, high = min(low, value), max(high, value)
         identified = name != "poisson" or high - low < WIDE_POISSON
         if name in ranges:
