@@ -7,13 +7,14 @@ skin may swell freely. It may lengthen too, unless it is asked to keep its lengt
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.keys import Positive, Table, key
+from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import compose, contract, twist
@@ -25,6 +26,9 @@ from toros_fem.products.tubes.tube import SectionTubeScene, length_metric, twist
 
 # Width of the helices over that asked, if the length is kept: thin ones hold the axial lines less.
 HELICES = 0.78
+# Lines along the tube, if the length is kept. It bends about a single one, and about two in a plane;
+# more of them hold the helices more.
+ALONG = 3
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,14 @@ class TwistScene(SectionTubeScene):
         first, second = self.lines.widths
         thinner = self.target.keep_length and self.lines.second_laid_width is None
         return first, HELICES * second if thinner else second
+
+    @property
+    def line_options(self) -> LineOptions:
+        """Widths and limits of the lines that are laid."""
+        options = super().line_options
+        if not self.target.keep_length:
+            return options
+        return replace(options, spacings=(2 * np.pi * self.radius / ALONG, None))
 
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
