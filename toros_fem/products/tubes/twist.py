@@ -26,8 +26,8 @@ from toros_fem.products.tubes.tube import SectionTubeScene, length_metric, twist
 
 # Width of the helices over that asked, if the length is kept: thin ones hold the axial lines less.
 HELICES = 0.78
-# Lines along the tube, if the length is kept. It bends about a single one, and about two in a plane;
-# more of them hold the helices more.
+# Number of lines along the tube, if the length is kept. It bends about a single one, and about two
+# in a plane; more of them hold the helices more.
 ALONG = 3
 
 
