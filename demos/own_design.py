@@ -14,8 +14,7 @@
 #
 # and lines and gaps keep a least width in the second stage (eqs. 11-14). Copy this script and
 # change what differs in your case: every step is one call. `demos/scenes/own_design.toml` is the
-# same design without a script; there `[skin] symmetry` designs half of a symmetric body, and
-# `examples/finger.toml` shows more.
+# same design without a script, and `examples/finger.toml` shows more.
 #
 #     python demos/own_design.py --coarse      # a minute
 #     mpirun -n 2 python demos/own_design.py
@@ -29,7 +28,8 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.mechanics.readings.bare_tube import tube_pressure
-from toros_fem.meshes import bend, read_surface, unwrap
+from toros_fem.meshes import bend, mirrored, read_surface, unwrap
+from toros_fem.meshes.surfaces.planes import cut_at_planes, straightened
 from toros_fem.meshes.surfaces.surface import volume
 from toros_fem.products.tables.loads import TipWeights
 
@@ -49,21 +49,18 @@ PUMP = 15e3  # Pa, the most that it gives
 # %% [markdown]
 # ## From the file to flat panels
 #
-# The surface is cut until each part can be laid flat with little distortion. Panels are sewn along
-# the cuts. Where the body is flat, at its two ends, it is printed all over.
+# The finger is symmetric about y = 0, and half of it is designed: from a random start a whole one
+# gets a lopsided print, and leans. The half is cut until each part can be laid flat with little
+# distortion. Panels are sewn along the cuts. The two flat ends are printed all over.
 
 # %%
 surface = read_surface(comm, FILE, scale=1e-3)  # the file is in mm
-pattern = unwrap(comm, surface).pattern
-low, high = pattern.points.min(axis=0), pattern.points.max(axis=0)
+pattern = straightened(unwrap(comm, cut_at_planes(surface, [1])[0]).pattern, [1])
+whole = mirrored(pattern, [1]).pattern
+low, high = whole.points.min(axis=0), whole.points.max(axis=0)
 length, half_width = high[2] - low[2], (high[0] - low[0]) / 2
 middle = np.array([*(low + high)[:2] / 2, low[2]])  # of the foot; the axis goes up from here
-height = pattern.points[:, 2] - low[2]
-caps = [
-    name
-    for name in pattern.panel_names
-    if np.ptp(height[pattern.vertices_of(name)]) < 1e-3 * length
-]
+height = {name: pattern.points[pattern.vertices_of(name), 2] for name in pattern.panel_names}
 
 # %% [markdown]
 # ## Supports, target, loads
@@ -76,7 +73,7 @@ deform = bend(np.radians(ANGLE), length, neutral=half_width)
 sheets = tf.Composite()  # fabric and printed TPU of docs/materials.md
 # The pressure is designed too. It starts where a plain tube of the same volume and area is longer
 # by 1.3 times the strain of the bend's outer side.
-radius = abs(2 * volume(pattern.points, pattern.triangles)) / pattern.areas.sum()
+radius = abs(2 * volume(whole.points, whole.triangles)) / whole.areas.sum()
 strain = np.radians(ANGLE) * 2 * half_width / length
 start, least = (tube_pressure(sheets, radius, k * strain) for k in (1.3, 1.1))
 
@@ -87,21 +84,24 @@ def angle_of(of: tf.meshes.Pattern, x: np.ndarray) -> float:
     return float(np.degrees(tf.bend_between(of, x, z > high[2] - 1e-6, z < low[2] + FOOT, **way)))
 
 
-tip = np.flatnonzero(pattern.points[:, 2] > high[2] - 1e-6)
-areas = pattern.vertex_areas[tip]
-arm = pattern.points[tip] - np.average(pattern.points[tip], axis=0, weights=areas)
+foot = tf.clamp_where(pattern, lambda x: x[:, 2] - low[2] < FOOT)
+tip = np.flatnonzero(whole.points[:, 2] > high[2] - 1e-6)
+areas = whole.vertex_areas[tip]
+arm = whole.points[tip] - np.average(whole.points[tip], axis=0, weights=areas)
 radius_of_tip = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=areas)))
 case = tf.Case(
     pattern,
     target=lambda points: deform(points - middle) + middle,
-    supports=tf.clamp_where(pattern, lambda x: x[:, 2] - low[2] < FOOT),
+    supports=foot | tf.symmetry_plane(pattern, 1),
     pressure=start,
     pressure_bounds=(least, PUMP),
     composite=sheets,
     # The tip counts as much as all the rest, in place and in orientation.
-    parts=[TipWeights().shape_part(pattern, tip, tip, radius_of_tip)],
-    metrics=[tf.Metric("angle", "deg", ANGLE, angle_of)],
-    printed_panels=caps,
+    parts=[TipWeights().shape_part(whole, tip, tip, radius_of_tip)],
+    parts_of_whole=True,
+    metrics=[tf.Metric("angle", "deg", ANGLE, angle_of).of_whole([1])],
+    printed_panels=[name for name, z in height.items() if np.ptp(z) < 1e-6],
+    symmetry=(1,),
 )
 
 # %% [markdown]

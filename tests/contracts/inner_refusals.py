@@ -534,6 +534,7 @@ DESIGNS: Table = {
     "no triangle has widths": lambda s: _widths(s, False),
     "random densities below 0": lambda s: random_density(s.skin, 7, 0.1, spread=0.2),
     "2 widths for 3 families": lambda s: LineOptions(widths=(4e-3, 1e-3)).width_of(0, 3),
+    "1 spacing for 2 families": lambda s: LineOptions(spacings=(0.02,)).width_of(0, 2),
     "3 widths for 2 families": lambda s: lay_lines(_field(), LineOptions(widths=(1, 1, 2))),
     "print on other triangles": lambda s: lay_lines(_field(), printed=np.zeros(3, dtype=bool)),
     "a change of no line": lambda s: _changed(

@@ -514,6 +514,7 @@ DESIGNS: Table = {
     "lines laid on a pattern": lambda s: tf.lay_lines(s.pattern),
     "lines of no width": lambda s: tf.LineOptions(widths=()),
     "lines' width is a number": lambda s: tf.LineOptions(widths=1e-3),
+    "lines nearer than 0": lambda s: tf.LineOptions(spacings=(-1.0,)),
     "lines found for a skin": lambda s: tf.find_lines(s.skin),
     "lines' steps are a number": lambda s: tf.RelaxedOptions(iterations=40),
     "print's width is text": lambda s: tf.PrintLimits(width="0.6 mm"),

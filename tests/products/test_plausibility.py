@@ -148,7 +148,6 @@ def test_a_length_that_is_asked_for_is_within_reach() -> None:
     ("kind", "key", "value", "needed"),
     [
         ("twist", "length_ratio", 1.2, "keep_length = true"),
-        ("twist", "axial_width", 2e-3, "keep_length = true"),
         ("walker", "reach", 7e-3, 'motion = "crawl"'),
         ("bend", "laid_width", 1e-3, 'start = "relaxed"'),
         ("contract", "iterations", 70, 'start = "random"'),

@@ -34,6 +34,22 @@ def test_lines_like_earlier_ones_keep_their_number(direction: float) -> None:
     assert laid.area == pytest.approx(0.8 * before.area, rel=0.03)
 
 
+def test_lines_at_a_given_spacing_are_as_wide_as_their_share_asks() -> None:
+    """Three along a tube, of a twelfth of its wall; the other family keeps its width."""
+    tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 2e-3)
+    caps = tube.panel != tube.panel_index("wall")
+    around = np.pi * 0.02
+    options = LineOptions(widths=(1e-3,), spacings=(around / 3, None))
+    laid = lay_lines(even_field(tube, [1 / 12, 0.2], [90.0, 0.0]), options, printed=caps)
+    along, across = laid.families
+    assert len(along.lines) == 3
+    assert along.width == pytest.approx(around / 36)
+    assert along.laid == pytest.approx(1 / 12, rel=0.02)
+    assert across.width == 1e-3
+    thin = lay_lines(even_field(tube, [0.02, 0.2], [90.0, 0.0]), options, printed=caps)
+    assert thin.families[0].width == options.print_width
+
+
 def test_where_all_is_asked_for_gaps_are_left() -> None:
     """Lines of 2 mm keep their width, and lie apart by it and the least width of a gap."""
     sheet = rectangle(MPI.COMM_SELF, 0.04, 0.04, 2e-3, "unstructured")

@@ -15,13 +15,14 @@ from toros_fem.products.actuators.misses import Answer, misses_of
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.bend_twist import BendTwistScene
 from toros_fem.products.tubes.contract import ContractScene
+from toros_fem.products.tubes.twist import TwistScene
 
 LENGTH = 0.06
 
 
-def case_of(kind: type[Any] = BendTwistScene) -> Case:
+def case_of(kind: type[Any] = BendTwistScene, **asked: Any) -> Case:
     """A short tube of a kind, on the mesh of its relaxed design."""
-    scene = kind().updated(length=LENGTH, relaxed_edge_length=4e-3)
+    scene = kind().updated(length=LENGTH, relaxed_edge_length=4e-3, **asked)
     found: Case = scene.case(MPI.COMM_SELF, scene.relaxed_level)
     return found
 
@@ -55,6 +56,12 @@ def test_a_whole_shape_is_judged_by_its_metrics_alone() -> None:
     shape = misses.case.pattern.points
     assert misses.of_shape(shape) == 0
     assert misses.error(shape) == pytest.approx(1.0, abs=0.02)  # nothing of the bend
+
+
+def test_a_length_may_be_off_by_the_tolerance_that_the_verdict_has() -> None:
+    misses = misses_of(case_of(TwistScene, keep_length=True))
+    longer = misses.case.goal * [1.0, 1.0, 1.0 + TOLERANCE]
+    assert misses.of_metrics(longer) == pytest.approx(TOLERANCE, rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", [BendTwistScene, ContractScene])

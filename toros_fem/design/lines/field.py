@@ -83,6 +83,8 @@ class LineOptions:
         hole_area: Area in m² of the smallest hole that stays open, and of the smallest piece.
         spread: Largest local width over the width asked, at least 1; so is the width asked over
             the smallest local one, which is never under `print_width`.
+        spacings: Mean distance in m from line to line of each family, whose width then follows from
+            its share in place of `widths`; None for one whose spacing follows. Empty: for all.
 
     Raises:
         ParameterError: A value is out of its bounds.
@@ -94,6 +96,7 @@ class LineOptions:
     even: float | None = 10e-3
     hole_area: float = 0.5e-6
     spread: float = 1.5
+    spacings: Sequence[float | None] = ()
 
     def __post_init__(self) -> None:
         what = "a list of widths in m, one for all families or one for each"
@@ -104,6 +107,9 @@ class LineOptions:
         require_between(1, 10, spread=self.spread)
         if self.even is not None:
             require_positive(even=self.even)
+        for number, distance in enumerate(self.spacings):
+            if distance is not None:
+                require_positive(**{f"spacings[{number}]": distance})
         if not self.widths:
             raise ParameterError("widths is empty; it must hold one width, or one for each family.")
         for number, width in enumerate(self.widths):
@@ -114,12 +120,25 @@ class LineOptions:
                     "the least that can be printed. Ask for wider lines."
                 )
 
-    def width_of(self, family: int, families: int) -> float:
+    def width_of(self, family: int, families: int, share: float | None = None) -> float:
         """Return the width in m that is asked of a family.
 
+        Args:
+            share: Its mean share, from which the width of lines at a given spacing follows; None
+                takes that of `widths`.
+
         Raises:
-            ParameterError: There is neither one width for all nor one for each family.
+            ParameterError: There is neither one width for all nor one for each family, or the
+                number of spacings is another one.
         """
+        if len(self.spacings) not in (0, families):
+            raise ParameterError(
+                f"spacings holds {len(self.spacings)} distances for {families} families; it must "
+                "hold one for each, or none."
+            )
+        spacing = self.spacings[family] if self.spacings else None
+        if spacing is not None and share is not None:
+            return max(share * spacing, self.print_width)
         if len(self.widths) not in (1, families):
             raise ParameterError(
                 f"widths holds {len(self.widths)} widths for {families} families; it must hold "

@@ -68,7 +68,6 @@ def lay_lines(
     planes = checked_axes("planes", planes)
     field.pattern.require_flat_panels("laying lines")
     options = options or LineOptions()
-    widths = [options.width_of(k, field.families) for k in range(field.families)]
     count = len(field.pattern.panel)
     covered = np.zeros(count, bool) if printed is None else np.asarray(printed)
     if covered.shape != (count,) or covered.dtype != np.bool_:
@@ -76,13 +75,16 @@ def lay_lines(
             f"printed has shape {covered.shape} and type {covered.dtype}; it must be {count} "
             "truth values, one for each triangle."
         )
+    areas = field.pattern.areas * ~covered
+    means = areas @ field.shares / max(areas.sum(), np.finfo(float).tiny)
+    widths = [options.width_of(k, field.families, float(mean)) for k, mean in enumerate(means)]
     fine, cell = _fine(field, widths, options, like)
     field = LineField(fine, field.shares[cell], field.angles[cell])
     active = ~covered[cell]
     if active.any():
         symmetry = make_symmetry(field, active, planes, widths)
         mesh = symmetry.part
-        families, stripes = _families(symmetry, field, planes, options, like)
+        families, stripes = _families(symmetry, field, planes, widths, options, like)
     else:
         mesh, stripes, none = make_line_mesh(fine, active), {}, np.empty(0)
         families = [Family(width, [], none, none, none, (0.0, none)) for width in widths]
@@ -94,6 +96,7 @@ def _families(
     symmetry: Symmetry,
     field: LineField,
     planes: tuple[int, ...],
+    widths: Sequence[float],
     options: LineOptions,
     like: LaidLines | None,
 ) -> tuple[list[Family], dict[int, Stripes]]:
@@ -103,7 +106,8 @@ def _families(
 
     @cache
     def on_whole(family: int) -> tuple[Family, Stripes]:
-        return _on_whole(symmetry, field, family, options, smoother, known.get(family))
+        width, earlier = widths[family], known.get(family)
+        return _on_whole(symmetry, field, family, width, options, smoother, earlier)
 
     first = [symmetry.first(k) for k in range(field.families)]
     open_ = [symmetry.to_part(on_whole(family)[0], image) for family, image in first]
@@ -145,6 +149,7 @@ def _on_whole(
     symmetry: Symmetry,
     field: LineField,
     family: int,
+    width: float,
     options: LineOptions,
     smoother: Callable[..., Callable[[Values], Values]],
     like: Stripes | None,
@@ -154,7 +159,6 @@ def _on_whole(
     The smoother is that of the whole; it keeps its factors.
     """
     mesh, part = symmetry.whole, symmetry.part.cells
-    width = options.width_of(family, field.families)
     share = symmetry.of_whole(field.shares[part], family)
     angle = symmetry.angles_of_whole(field.angles[part], family)
     at_vertices = mesh.at_vertices(share)

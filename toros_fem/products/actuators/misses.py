@@ -75,7 +75,7 @@ class Misses:
         return max(self.of_metrics(positions), self.of_shape(positions))
 
     def of_metrics(self, positions: Floats) -> float:
-        """Return the largest miss of a metric, over its scale."""
+        """Return the largest miss of a metric, over its target, or its scale if that is more."""
         return TOLERANCE * float(np.abs(self._of_metrics(positions)).max(initial=0.0))
 
     def of_shape(self, positions: Floats) -> float:
@@ -121,7 +121,7 @@ class Misses:
     def _of_metrics(self, positions: Floats) -> Floats:
         pattern, metrics = self.case.pattern, {m.key: m for m in self.case.judged}
         off = [
-            (metrics[key].value(pattern, positions) - aim.target) / aim.scale
+            (metrics[key].value(pattern, positions) - aim.target) / max(abs(aim.target), aim.scale)
             for key, aim in self.aims.items()
         ]
         return np.array(off) / TOLERANCE

@@ -7,25 +7,28 @@ skin may swell freely. It may lengthen too, unless it is asked to keep its lengt
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import Length, Positive, Table, key
+from toros_fem.base.keys import Positive, Table, key
+from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import compose, contract, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Pressing, SectionWeights
-from toros_fem.products.tables.steps import Lines
 from toros_fem.products.tables.targets import TwistAngle, twist_key
 from toros_fem.products.tubes.tube import SectionTubeScene, length_metric, twist_metric
 
 # Width of the helices over that asked, if the length is kept: thin ones hold the axial lines less.
 HELICES = 0.78
+# Number of lines along the tube, if the length is kept. It bends about a single one, and about two
+# in a plane; more of them hold the helices more.
+ALONG = 3
 
 
 @dataclass(frozen=True)
@@ -42,45 +45,34 @@ class TwistTarget(Table):
 
 
 @dataclass(frozen=True)
-class TwistLines(Lines):
-    """Relaxed designs and their printable lines."""
-
-    # Few wide lines along the tube hold the helices less than many thin ones.
-    axial_width: Length = key(3e-3, "width of the lines of the first family, if the length is kept")
-
-
-@dataclass(frozen=True)
 class TwistScene(SectionTubeScene):
     """The twisting tube."""
 
     target: TwistTarget = TwistTarget()
     pressure: Pressing = Pressing(pressure=15e3)
     objective: SectionWeights = SectionWeights(axial_weight=60.0)
-    lines: TwistLines = TwistLines()
 
     KIND: ClassVar = "twist"
     FEW: ClassVar = (
-        "twist",
-        "keep_length",
-        "length",
-        "diameter",
-        "edge_length",
-        "pressure",
-        "seed",
-    )
-    COARSE: ClassVar = {**SectionTubeScene.COARSE, "axial_width": 4 / 3}
-    NEEDS: ClassVar = dict.fromkeys(
-        ("length_ratio", "axial_width", "axial_weight"), ("keep_length", (True,))
-    )
+        "twist", "keep_length", "length", "diameter", "edge_length", "pressure", "seed",
+    )  # fmt: skip
+    NEEDS: ClassVar = dict.fromkeys(("length_ratio", "axial_weight"), ("keep_length", (True,)))
     MEASURED: ClassVar = (Measurement("twist_deg", 300.0, 15e3, 300.0, "paper, measured"),)
 
     @property
     def laid_widths(self) -> tuple[float, float]:
         """Width in m of the lines along either family."""
+        first, second = self.lines.widths
+        thinner = self.target.keep_length and self.lines.second_laid_width is None
+        return first, HELICES * second if thinner else second
+
+    @property
+    def line_options(self) -> LineOptions:
+        """Widths and limits of the lines that are laid."""
+        options = super().line_options
         if not self.target.keep_length:
-            return self.lines.widths
-        thinner = HELICES if self.lines.second_laid_width is None else 1.0
-        return self.lines.axial_width, thinner * self.lines.widths[1]
+            return options
+        return replace(options, spacings=(2 * np.pi * self.radius / ALONG, None))
 
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
