@@ -24,7 +24,7 @@ COMMANDS = {
     "no command": "",
     "unknown command": "unwarp bend.stl",
     "unknown option": "doctor --jsn",
-    "missing word": "explain",
+    "missing word": "export",
     "missing scene": "check none.toml",
     "missing mesh": "unwrap none.stl",
     "unknown key in a scene": "check key.toml",

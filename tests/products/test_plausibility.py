@@ -189,13 +189,13 @@ def test_check_tells_doubts_and_refuses_with_line(
 ) -> None:
     path = tmp_path / "a.toml"
     path.write_text('kind = "bend"\n[pressure]\npressure = 5\n', encoding="utf-8")
-    assert run(MPI.COMM_SELF, ["check", str(path), "--no-probe"]) == 0
+    assert run(MPI.COMM_SELF, ["check", str(path)]) == 0
     text = capsys.readouterr().out
     assert "can be read, but is doubtful" in text
     assert "in order" not in text
     assert text.count("\ndoubt ") == 2
     path.write_text('kind = "bend"\n[pressure]\npressure = "1 GPa"\n', encoding="utf-8")
-    assert run(MPI.COMM_SELF, ["check", str(path), "--no-probe"]) == 2
+    assert run(MPI.COMM_SELF, ["check", str(path)]) == 2
     assert f"{path}, line 3: pressure: " in capsys.readouterr().err
 
 
@@ -226,13 +226,13 @@ def test_a_simulation_refuses_what_a_design_refuses(
         'line_width = "20 mm"',
     ],
 )
-def test_check_refuses_without_a_probe_what_a_design_refuses(
+def test_check_refuses_what_a_design_refuses(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str
 ) -> None:
     path = tmp_path / "a.toml"
     table = "print" if line.startswith("island") else "design"
     path.write_text(f'kind = "bend"\n[{table}]\n{line}\n', encoding="utf-8")
-    assert run(MPI.COMM_SELF, ["check", str(path), "--coarse", "--no-probe"]) == 2
+    assert run(MPI.COMM_SELF, ["check", str(path), "--coarse"]) == 2
     told = capsys.readouterr().err
     assert f"{path}, line 3: " in told
     assert line.split()[0] in told
@@ -259,7 +259,7 @@ def test_refusals_name_the_line(
 ) -> None:
     path = tmp_path / "a.toml"
     path.write_text(f'kind = "{kind}"\n[{table}]\n{line}\n', encoding="utf-8")
-    assert run(MPI.COMM_SELF, ["check", str(path), "--no-probe"]) == 2
+    assert run(MPI.COMM_SELF, ["check", str(path)]) == 2
     told = capsys.readouterr().err
     assert f"{path}, line 3: " in told
     assert line.split()[0] in told
@@ -272,12 +272,12 @@ def test_check_refuses_what_the_finest_mesh_cannot_do(
     path = tmp_path / "a.toml"
     skin, widths = 'edge_length = "0.8 mm"', 'filter_radius = "1.5 mm"\nline_width = "4 mm"'
     path.write_text(f'kind = "bend"\n[skin]\n{skin}\n[design]\n{widths}\nlevels = 1\n', "utf-8")
-    assert run(MPI.COMM_SELF, ["check", str(path), "--no-probe"]) == 2
+    assert run(MPI.COMM_SELF, ["check", str(path)]) == 2
     assert f"{path}, line 6: " in capsys.readouterr().err
     path.write_text('kind = "bend"\n[design]\nfilter_radius = "15 mm"\n', "utf-8")
-    assert run(MPI.COMM_SELF, ["check", str(path), "--coarse", "--no-probe"]) == 0
+    assert run(MPI.COMM_SELF, ["check", str(path), "--coarse"]) == 0
     path.write_text('kind = "twist"\n[design]\nline_width = "20 mm"\n', "utf-8")
-    assert run(MPI.COMM_SELF, ["check", str(path), "--coarse", "--no-probe"]) == 0
+    assert run(MPI.COMM_SELF, ["check", str(path), "--coarse"]) == 0
 
 
 def test_a_sheet_of_tiles_is_not_pulled_beyond_its_bounds(
@@ -358,7 +358,7 @@ def test_check_tells_doubts_of_a_target(
     """A bend about a line on the outer side of the axis shortens most of the wall."""
     path = tmp_path / "a.toml"
     path.write_text('kind = "bend"\n[target]\nneutral = "-4 mm"\n', encoding="utf-8")
-    assert run(alone, ["check", str(path), "--coarse", "--no-probe"]) == 0
+    assert run(alone, ["check", str(path), "--coarse"]) == 0
     said = capsys.readouterr()
     assert "doubt       target: its area is " in said.out
     assert 'edge_length = "2.8 mm" (not "1.4 mm")' in said.err

@@ -53,7 +53,7 @@ def test_materials_by_name(
     path = tmp_path / "mine.toml"
     words = ["new", "walker", str(path), "--fabric", "rib-knit", "--print", "tpu-85a"]
     assert run(alone, words) == 0
-    assert run(alone, ["check", str(path), "--no-probe"]) == 0
+    assert run(alone, ["check", str(path)]) == 0
     found = read_scene(path)
     names = {role: entry.name for role, entry in found.materials.items()}
     assert names == {"fabric": "rib-knit", "reinforcement": "tpu-85a"}

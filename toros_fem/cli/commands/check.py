@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import key
-from toros_fem.base.units import duration
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scene_options import SceneCommand
 from toros_fem.cli.commands.doctor import memory_gib
@@ -34,20 +32,18 @@ CROWDED = 0.8
 
 @dataclass(frozen=True, kw_only=True)
 class Check(SceneCommand):
-    """Reads a scene file and says what is wrong, or what the design will cost.
+    """Reads a scene file and says what is wrong, or how large the design will be.
 
     An error names file, line and key, and the nearest right key. A warning ("doubt") means that
     numbers do not fit each other, a pressure and a fabric for instance; what no skin can do is an
-    error. The command also estimates the mesh size, the memory, and the time from a few real
-    steps on a coarse mesh. Meshes of too many triangles are refused before they are made.
+    error. The command also estimates the mesh size and the memory. Meshes of too many triangles
+    are refused before they are made.
     """
-
-    no_probe: bool = key(False, "leave out the probe, and with it the time")
 
     EXAMPLES: ClassVar = (
         "toros check mine.toml",
         'toros check mine.toml --coarse --set edge_length="2 mm"',
-        "toros check mine.toml --no-probe --json",
+        "toros check mine.toml --json",
     )
 
     def __call__(self, comm: MPI.Comm) -> Answer:
@@ -68,7 +64,7 @@ class Check(SceneCommand):
             figures["doubts"] = doubtful
             cost_of = getattr(read, "expected_cost", None)
             more = {"from_print": True} if "start_from" in scene.files else {}
-            cost = cost_of and cost_of(comm, probing=not self.no_probe, **more)
+            cost = cost_of and cost_of(comm, **more)
         state = "is in order" if not doubtful else "can be read, but is doubtful"
         lines = [f"{scene.path} {state}: {ABOUT[scene.kind.KIND]}."]
         lines += [f"doubt       {one}" for one in doubtful]
@@ -78,10 +74,8 @@ class Check(SceneCommand):
             lines.append(_pressure(skin, getattr(read, "needed_strain", None)))
         if cost is not None and cost.placing:
             lines.append(f"bed         {BED} {cost.placing}")
-        if cost is None:
-            lines.append(f"The cost of scenes of the kind {scene.kind.KIND!r} is not estimated.")
-        else:
-            figures |= _figures(cost)
+        if cost is not None:
+            figures |= {**asdict(cost), "memory_gib": cost.memory / 2**30}
             lines += cost_lines(comm, cost)
         return Answer("\n".join(lines), figures)
 
@@ -105,24 +99,9 @@ def _pressure(skin: Inflated, needed: float | None) -> str:
     return f"{told}. The target needs {needed:.0%}; the bare skin has that {gives}{more}"
 
 
-def _figures(found: Cost) -> dict[str, Any]:
-    return {
-        "triangles": found.triangles,
-        "largest_triangles": found.largest,
-        "unknowns": found.unknowns,
-        "memory_gib": found.memory / 2**30,
-        "machine_gib": memory_gib(),
-        "ranks": found.ranks,
-        "parts": [asdict(part) for part in found.parts],
-        "minutes": found.seconds and [end / 60 for end in found.seconds],
-        "probe": found.probe and asdict(found.probe),
-        "placing": found.placing,
-    }
-
-
 def cost_lines(comm: MPI.Comm, found: Cost) -> list[str]:
     """Return a cost in lines; all ranks may ask."""
-    memory, machine, ranks = found.memory / 2**30, memory_gib(), found.ranks
+    memory, machine = found.memory / 2**30, memory_gib()
     if machine is not None and memory > CROWDED * machine and comm.rank == 0:
         log.warning(
             "about %.1f GiB are needed, and this machine has %.1f GiB: take longer edges",
@@ -131,21 +110,8 @@ def cost_lines(comm: MPI.Comm, found: Cost) -> list[str]:
         )
     there = "" if machine is None else f"; this machine has {machine:.1f} GiB"
     more = f", {found.largest} on a refined one" * (found.largest > found.triangles)
-    lines = [
+    return [
         f"triangles   about {found.triangles} on the finest mesh{more}",
         f"unknowns    about {found.unknowns} on the finest mesh",
         f"memory      about {memory:.1f} GiB (± 25 %){there}",
     ]
-    tried, seconds = found.probe, found.seconds
-    if tried is None or seconds is None:
-        return [*lines, "time        not estimated without a probe"]
-    low, high = map(duration, seconds)
-    lines += [
-        f"time        {low} to {high} on {ranks} rank{'s' * (ranks > 1)}",
-        f"probe       {tried.newton_steps} Newton steps on {tried.triangles} triangles in "
-        f"{tried.seconds:.1f} s; other meshes by the measured growth",
-    ]
-    for part in found.parts:
-        few, many = part.newton_steps
-        lines.append(f"  {part.name}: {few} to {many} Newton steps on {part.triangles} triangles")
-    return lines

@@ -57,7 +57,9 @@ class Design(RunCommand):
 
     def _finally(self, comm: MPI.Comm, scene: SceneFile) -> SceneFile:
         """Return the final variant of a scene, and tell its cost (collective)."""
+        from toros_fem.base.units import duration
         from toros_fem.cli.commands.check import cost_lines
+        from toros_fem.products.actuators.cost import expected_time
         from toros_fem.products.actuators.scene import ActuatorScene
         from toros_fem.results.console import print_line
 
@@ -69,7 +71,10 @@ class Design(RunCommand):
         scene = replace(scene, config=config)
         with self.meshes_allowed(), scene.located():
             read = config.with_files(comm, scene.files)
-            lines = cost_lines(comm, read.expected_cost(comm, probing=True))
+            cost = read.expected_cost(comm)
+            low, high = map(duration, expected_time(comm, read, cost))
         if comm.rank == 0:
+            ranks = f"{comm.size} rank{'s' * (comm.size > 1)}"
+            lines = [*cost_lines(comm, cost), f"time        {low} to {high} on {ranks}"]
             print_line("\n".join(lines))
         return scene

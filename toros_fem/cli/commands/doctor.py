@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.metadata
 import importlib.util
 import os
-import re
 import shutil
 import time
 from dataclasses import dataclass
@@ -26,9 +24,6 @@ PACKAGES = (
     "mpi4py", "scipy", "gmsh", "meshio", "h5py", "shapely", "tqdm", "cvxopt", "jinja2",
     "matplotlib", "ezdxf", "ipctk", "lib3mf", "u-nesting",
 )  # fmt: skip
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
-# What the BLAS libraries are called among the files that a process has loaded.
-BLAS = re.compile(r"/(lib(?:openblas|mkl_rt|blis|atlas|flexiblas|blas)[^/]*\.so[^/]*)$")
 # A tube of some hundred triangles, on which all is tried.
 LENGTH, DIAMETER, EDGE, PRESSURE = 0.06, 0.02, 5e-3, 2e3
 
@@ -37,10 +32,9 @@ LENGTH, DIAMETER, EDGE, PRESSURE = 0.06, 0.02, 5e-3, 2e3
 class Doctor(Command):
     """Says what the package runs on, and tries it.
 
-    Versions, MPI, BLAS and its threads, solvers and orderings, caches and their sizes. The
-    equilibrium of a small tube is found, which takes a second, or half a minute where forms are
-    compiled first. Where something is missing, it says what to do. Please add what it prints to a
-    report of a fault.
+    Versions, MPI, solvers, caches and their sizes. The equilibrium of a small tube is found, which
+    takes a second, or half a minute where forms are compiled first. Where something is missing, it
+    says what to do. Please add what it prints to a report of a fault.
     """
 
     no_solve: bool = key(False, "leave out the equilibrium of a small tube")
@@ -78,11 +72,8 @@ def _environment(comm: MPI.Comm) -> dict[str, Any]:
         },
         "platform": system,
         "mpi": {"library": library, "ranks": comm.size, "standard": MPI.Get_version()},
-        "cores": _cores(),
         "memory_gib": memory_gib(),
-        "blas": {"library": _blas(), "threads": {name: os.environ.get(name) for name in THREADS}},
         "solvers": {"mumps": PETSc.Sys.hasExternalPackage("mumps")},
-        "orderings": mumps_orderings(),
         "to_compile": lacking_to_compile(),
         "compiler": shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc"),
         # Compiled forms, and the compiled calls of CHOLMOD.
@@ -97,53 +88,6 @@ def _version(name: str) -> str | None:
     except importlib.metadata.PackageNotFoundError:
         # Some distributions install modules without metadata.
         return None if importlib.util.find_spec(name) is None else "of unknown version"
-
-
-def mumps_orderings() -> dict[str, bool]:
-    """Return whether MUMPS takes each of its orderings, tried on a small matrix; {} without it."""
-    from petsc4py import PETSc
-    from scipy.sparse import diags
-
-    from toros_fem.mechanics.equilibrium.linear_solver import ORDERINGS
-
-    if not PETSc.Sys.hasExternalPackage("mumps"):
-        return {}
-    chain = diags([-1.0, 2.0, -1.0], [-1, 0, 1], (100, 100), "csr")
-    csr = (chain.indptr, chain.indices, chain.data)
-    matrix = PETSc.Mat().createAIJ(chain.shape, csr=csr, comm=PETSc.COMM_SELF)
-    found = {}
-    for code, name in ORDERINGS.items():
-        if name == "user":
-            continue
-        pc = PETSc.PC().create(PETSc.COMM_SELF)
-        pc.setOperators(matrix)
-        pc.setType(PETSc.PC.Type.LU)
-        pc.setFactorSolverType("mumps")
-        pc.setFactorSetUpSolverType()
-        factor = pc.getFactorMatrix()
-        factor.setMumpsIcntl(7, code)
-        pc.setUp()
-        # Where an ordering is missing, MUMPS takes another one and says which.
-        found[name] = factor.getMumpsInfog(7) == code
-    return found
-
-
-def _cores() -> int | None:
-    """Return the number of cores that this process may use; some systems tell all of them."""
-    own = hasattr(os, "sched_getaffinity")
-    return len(os.sched_getaffinity(0)) if own else os.cpu_count()
-
-
-def _blas() -> str:
-    """Return the BLAS library that is loaded, or the one that numpy was built for."""
-    with contextlib.suppress(OSError):
-        lines = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace").splitlines()
-        places = sorted({line.split()[-1] for line in lines if BLAS.search(line)})
-        if places:
-            return ", ".join(str(Path(place).resolve()) for place in places)
-    config: Any = np.show_config(mode="dicts")
-    found = config["Build Dependencies"]["blas"]
-    return f"{found.get('name')} {found.get('version')}"
 
 
 def memory_gib() -> float | None:
@@ -182,16 +126,13 @@ def _solve(comm: MPI.Comm) -> dict[str, Any]:
 
 
 def _text(figures: dict[str, Any]) -> str:
-    mpi, blas, memory = figures["mpi"], figures["blas"], figures["memory_gib"]
-    threads = ", ".join(f"{name} = {value or 'not set'}" for name, value in blas["threads"].items())
+    mpi, memory = figures["mpi"], figures["memory_gib"]
     rows = [
         ("platform", figures["platform"]),
-        ("cores, memory", f"{figures['cores']}, {memory:.1f} GiB" if memory else figures["cores"]),
+        ("memory", f"{memory:.1f} GiB" if memory else None),
         ("MPI", f"{mpi['library']}; {mpi['ranks']} rank{'s' * (mpi['ranks'] > 1)} now"),
-        ("BLAS", blas["library"]),
-        ("threads", threads),
         ("compiler", _known(figures["compiler"])),
-        *((what, _listed(figures[what])) for what in ("solvers", "orderings")),
+        ("solvers", _listed(figures["solvers"])),
     ]
     for place, size in figures["caches"].items():
         held = "empty" if size is None else f"{size['files']} files, {size['mb']:.1f} MB"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import logging
 import math
@@ -12,7 +13,7 @@ import traceback
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, TextIO, cast
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -33,11 +34,9 @@ from toros_fem.cli.command_line.exit_codes import (
     tell_alone,
 )
 from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
-from toros_fem.cli.command_line.pipe import OpenPipe
 from toros_fem.cli.commands.check import Check
 from toros_fem.cli.commands.design import Design
 from toros_fem.cli.commands.doctor import Doctor
-from toros_fem.cli.commands.explain import Explain
 from toros_fem.cli.commands.export import Export
 from toros_fem.cli.commands.fit import Fit
 from toros_fem.cli.commands.materials import Materials
@@ -54,7 +53,7 @@ COMMANDS: Mapping[str, type[Command]] = MappingProxyType(
     {
         one.__name__.lower(): one
         for one in (
-            New, Explain, Materials, Check, Simulate, Design, Study, Resume, View, Export,
+            New, Materials, Check, Simulate, Design, Study, Resume, View, Export,
             Tolerance, Unwrap, Fit, Doctor,
         )
     }
@@ -74,25 +73,30 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
         words: The words after `toros`.
     """
     as_json, quiet = "--json" in words, "--quiet" in words
-    out, err = (OpenPipe(stream) for stream in (sys.stdout, sys.stderr))
-    with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(cast(TextIO, err)):
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # which may lack letters
+            stream.reconfigure(errors="backslashreplace")
+    with open(os.devnull, "w") as nowhere:
         # What is printed meanwhile is kept from an answer that a program reads.
-        place = cast(TextIO, nowhere if quiet else err if as_json else out)
+        place = nowhere if quiet else sys.stderr if as_json else sys.stdout
         with contextlib.redirect_stdout(place), _spoken(comm, quiet=quiet):
             try:
                 answer = _answer(comm, words)
             except (Exception, KeyboardInterrupt, RunStoppedError) as error:
                 answer = _failed(comm, error)
-        code = DONE if answer is None else answer.code
-        if comm.rank == 0:
+    code = DONE if answer is None else answer.code
+    if comm.rank == 0:
+        try:
             if answer is not None:
                 name = next((word for word in words if word in COMMANDS), None)
-                _print(out, name, answer, as_json=as_json)
-            out.flush()
-            fault = out.fault
-            if fault is not None and code == DONE:
-                print(f"the answer cannot be written: {fault}", file=err, flush=True)
-                code = NOT_WRITTEN
+                _print(name, answer, as_json=as_json)
+            sys.stdout.flush()
+        except BrokenPipeError:  # its reader has gone, as `head` does
+            with open(os.devnull, "w") as nothing:
+                os.dup2(nothing.fileno(), sys.stdout.fileno())
+        except OSError as fault:
+            print(f"the answer cannot be written: {fault}", file=sys.stderr)
+            code = code or NOT_WRITTEN
     return code
 
 
@@ -143,12 +147,12 @@ def _failed(comm: MPI.Comm, error: BaseException) -> Answer:
     return Answer(text, {"error": {"type": kind, "message": str(error), **known}}, code)
 
 
-def _print(out: OpenPipe, name: str | None, answer: Answer, *, as_json: bool) -> None:
+def _print(name: str | None, answer: Answer, *, as_json: bool) -> None:
     if as_json:
         content = {"command": name, "exit_code": answer.code, **answer.figures}
-        print(json.dumps(_plain(content), indent=2, ensure_ascii=False), file=out, flush=True)
+        print(json.dumps(_plain(content), indent=2, ensure_ascii=False), flush=True)
     if answer.text and (answer.code or not as_json):
-        print(answer.text, file=sys.stderr if answer.code else out, flush=True)
+        print(answer.text, file=sys.stderr if answer.code else sys.stdout, flush=True)
 
 
 def _plain(value: Any) -> Any:

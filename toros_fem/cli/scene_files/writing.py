@@ -23,9 +23,9 @@ Values have a unit, as in "5 kPa" or "0.6 mm", or are plain numbers: in SI units
 and in per cent where the text says so. "none" leaves a thing out. A key behind # has its default
 value: take the # away to change it. Paths are relative to this file."""
 SHORT = """\
-These are the keys that a new scene changes. `toros new --all` writes the others too, and `toros
-explain KEY` says what one means. Values have a unit, as in "5 kPa", or are in SI units, angles in
-degrees; "none" leaves a thing out. Paths are relative to this file."""
+These are the keys that a new scene changes. `toros new --all` writes the others too. Values have a
+unit, as in "5 kPa", or are in SI units, angles in degrees; "none" leaves a thing out. Paths are
+relative to this file."""
 DEFAULTS = {"fabric": "jersey-light", "reinforcement": "printed-tpu-95a-on-jersey"}
 EXAMPLES = {
     "fabric": "jersey-light",

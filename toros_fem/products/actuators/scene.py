@@ -491,9 +491,9 @@ class ActuatorScene(MeshedScene):
         job = Job(comm, scene, verbose=verbose)
         return simulate_actuator(job, output, given.get("pattern"))
 
-    def expected_cost(self, comm: MPI.Comm, *, probing: bool, from_print: bool = False) -> Cost:
+    def expected_cost(self, comm: MPI.Comm, *, from_print: bool = False) -> Cost:
         """Return the cost of a design with its files, by `actuator_cost` (collective)."""
-        return actuator_cost(comm, self, probing=probing, from_print=from_print)
+        return actuator_cost(comm, self, from_print=from_print)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return skin, loads and target on the mesh of a level (collective).

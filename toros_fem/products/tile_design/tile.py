@@ -27,10 +27,10 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 from toros_fem.meshes.makers.tile import KINDS
 from toros_fem.meshes.triangles import require_affordable
-from toros_fem.products.actuators.cost import Cost, Part, probe
+from toros_fem.products.actuators.cost import Cost
 from toros_fem.products.plausibility import Group, sheet_groups, warn_of_doubts, with_lengths
 from toros_fem.products.tile_design.as_printed import measure_print
-from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
+from toros_fem.products.tile_design.problem import TileCase, TileDesignScene
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tile_design.search import design_tile
 from toros_fem.products.tiles.stiffness_profile import Contrast, ProfileObjective, ProfileTarget
@@ -166,22 +166,11 @@ class TileScene(TileDesignScene):
         write_tile_results(output, found)
         return found
 
-    def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
-        """Return the cost of the design, probed on the mesh of the starts (collective)."""
+    def expected_cost(self, comm: MPI.Comm) -> Cost:
+        """Return the cost of the design (collective)."""
         require_affordable(self.skin.size**2, self.skin.edge_length)
-        case, design = tile_case(comm, self), self.design
-        coarse, own = (one.tile.pattern for one in (case.coarse, case))
-        rounds, finish = design.corrections, 2 * design.finish_iterations + 2
-        trials = 2 * (design.starts * design.trial_iterations + design.draft_iterations)
-        most = 2 * (finish + rounds * (design.correction_iterations + 1))
-        parts = (
-            Part("random starts", len(coarse.panel), (3 * trials, 12 * trials)),
-            Part("design and corrections", len(own.panel), (3 * finish, 10 * most)),
-            Part("prints", len(own.panel), (20, 60 * (1 + rounds)), QUADRATIC),
-        )
-        tried = probe(tile_problem(case.coarse, self), design.seed) if probing else None
-        unknowns = 3 * len(own.points)
-        return Cost(len(own.panel), len(own.panel), unknowns, comm.size, parts, tried)
+        own = tile_case(comm, self).tile.pattern
+        return Cost(len(own.panel), len(own.panel), 3 * len(own.points), comm.size)
 
 
 def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: float) -> Floats:

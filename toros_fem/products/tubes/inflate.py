@@ -22,7 +22,7 @@ from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import mirrored, sew
 from toros_fem.meshes.triangles import expected_triangles, require_affordable
-from toros_fem.products.actuators.cost import Cost, Part, Probe
+from toros_fem.products.actuators.cost import Cost
 from toros_fem.products.plausibility import Group, Inflated, with_lengths
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tube
@@ -143,29 +143,20 @@ class InflateScene(Scene):
         draw_pictures(comm, output)
         return found
 
-    def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
-        """Return the cost of the curve, probed by one equilibrium of a coarser tube (collective).
+    def expected_cost(self, comm: MPI.Comm) -> Cost:
+        """Return the cost of the curve.
 
         Raises:
             MeshSizeError: The mesh would have more triangles than the limit.
         """
-        sizes, levels = self.skin, self.pressure.levels
-        around, edge = np.pi * sizes.diameter, sizes.edge_length
+        sizes, edge = self.skin, self.skin.edge_length
+        around = np.pi * sizes.diameter
         area = around * (sizes.length + sizes.diameter / 2) / 2 ** len(self.planes)
         require_affordable(area, edge)
         triangles = round(expected_triangles(area, edge))
-        tried = None
-        if probing:
-            longest = min(around / PROBE_AROUND, sizes.length / PROBE_ALONG)
-            solver, density = self.updated(edge_length=max(edge, longest)).solver(comm)
-            begin = time.perf_counter()
-            found = solver.solve(density[solver.skin.owned_cells], self.pressure.pressure)
-            seconds = comm.bcast(time.perf_counter() - begin)
-            tried = Probe(len(density), found.steps, seconds)
         # A closed surface has half as many vertices as triangles, and three edges for two of them.
         unknowns = round((3.0 if self.material.bending == "midedge" else 1.5) * triangles)
-        parts = [Part("pressures", triangles, (4 * levels, 15 * levels))]
-        return Cost(triangles, triangles, unknowns, comm.size, parts, tried)
+        return Cost(triangles, triangles, unknowns, comm.size)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
