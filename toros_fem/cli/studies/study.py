@@ -17,7 +17,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import ParameterError, RunStoppedError, TorosError
 from toros_fem.base.files import guarded, if_plotting, require_unused, write_table
 from toros_fem.base.keys import Key, nearest, plain_value
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.cli.command_line.running import inputs_of, run_scene
 from toros_fem.cli.scene_files.layout import FILES, QUICK, keys_of
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
@@ -50,6 +50,7 @@ class Trial:
     failure: str = ""
 
 
+@collective("comm")
 def run_study(
     comm: MPI.Comm,
     scene: Path | str,
