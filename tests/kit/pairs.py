@@ -462,6 +462,8 @@ def at_its_bound(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
 def under_a_ball(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, Load]:
     """A plate presses a free ball into a stretched sheet."""
     solver, load = sheet_with_ball(comm, options=EXACT)
+    # Deeper in the ball rolls from facet to facet, where it has several equilibria.
+    load = dataclasses.replace(load, poses=0.4 * load.poses)
     return solver, cells(solver.skin, 3, 0.01, 0.03), load
 
 

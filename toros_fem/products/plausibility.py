@@ -80,15 +80,6 @@ RANGES: Mapping[str, Range] = {
         (3.0, 1e5), (0.0, INFINITE), "560 in the default materials",
         "A print that is hardly stiffer than the fabric shapes nothing.",
     ),
-    "bladder": Range(
-        "stiffness of the bladder over that of the fabric, E h of each",
-        (1e-3, 3.0), (0.0, INFINITE), "a bladder is to seal, not to carry",
-    ),
-    "bounds": Range(
-        "bound on the sum of both stretches over that on one, (c2 − 1)/(c1 − 1)",
-        (0.4, 4.0), (0.0, INFINITE), "eq. (1); 0.5 to 1.8 in the library",
-        "With less a sheet that is pulled both ways hardly stretches.",
-    ),
     "stretch": Range(
         "bound c1 on a stretch of the fabric",
         (1.02, 8.0), (1.0, 20.0), "natural rubber tears at 8 (Treloar 1975)",
@@ -105,11 +96,6 @@ RANGES: Mapping[str, Range] = {
         (1.5, INFINITE), (0.0, INFINITE), "a filter reaches the neighbours of a triangle",
         "With less it hardly filters, and guarantees no width of a line.",
     ),
-    "neutral": Range(
-        "distance of the line that keeps its length from the axis, over the radius",
-        (0.8, 1.2), (-5.0, 5.0), "print holds the length of a wall, which is at 1 (paper Fig. 8b)",
-        "Set `neutral` to the radius of the skin.",
-    ),
     "angle": Range(
         "angle that is asked for, over a full turn",
         (0.02, 7.0), (0.0, INFINITE), "smaller ones are within the errors of a print",
@@ -120,12 +106,6 @@ RANGES: Mapping[str, Range] = {
         (0.005, 0.25), (-INFINITE, 0.423), "braids shorten by less than 1 − 1/√3 (Schulte 1961)",
         "A number without a unit is in per cent: 8 is 8 %.",
     ),
-    "reach": Range(
-        "strain that the target needs, over that which the pressure gives the fabric along the "
-        "tube, p r/(2 E h) or its bound",
-        (0.0, 2.5), (0.0, INFINITE), "axial force of a closed thin tube; 0.8 for the paper's bend",
-        "Take a softer fabric, more pressure or a smaller target.",
-    ),
     "bound": Range(
         "strain that the target needs, over that at the bound c1 of the fabric",
         (0.0, 0.9), (0.0, 1.5), "eq. (1): no stretch reaches c1",
@@ -134,74 +114,17 @@ RANGES: Mapping[str, Range] = {
     "edges": Range(
         "number of edges around the skin, its girth 2 π r over their length",
         (14.0, INFINITE), (5.0, INFINITE), "with fewer, a tube is a prism (docs/accuracy.md)",
-        "Take shorter edges.",
-    ),
-    "mesh": Range(
-        "number of edges around an own mesh, 2 π r over their mean length, with r twice its volume "
-        "over its area",
-        (14.0, INFINITE), (8.0, INFINITE), "with fewer, a round body is a prism",
-        "Each step of `refinements` halves the edges. `remesh` makes a new mesh, where a CAD file "
-        "has long thin triangles.",
-    ),
-    "relaxed": Range(
-        "number of edges of the relaxed design's mesh around the skin",
-        (10.0, INFINITE), (5.0, INFINITE), "lines are laid on a finer mesh",
-        "Take shorter edges.",
+        "Take shorter edges. Those of an own mesh are halved by each step of `refinements`, and "
+        "`remesh` makes a new mesh.",
     ),
     "length": Range(
         "length over the girth of the skin, or over the side of the tile",
         (0.0, 20.0), (0.0, 1e3), "parts of a skin are about as large as the skin",
         "Is the length in the unit that was meant? Numbers without a unit are m.",
     ),
-    "knit": Range(
-        "modulus of the fabric along its courses over that along its wales",
-        (1.0, 20.0), (1.0, 1e4), "1.5 to 2.2 in the library (docs/materials.md)",
-    ),
-    "heavy": Range(
-        "weight of a sheet over the pressure, m g/p",
-        (1e-6, 0.05), (0.0, 1.0), "1e-4 in the default scenes; at 1 a skin does not lift itself",
-        "Is the mass in kg/m², and the pressure in the unit that was meant?",
-    ),
-    "pull": Range(
-        "strain of the pull over that at the bound c1 of the fabric",
-        (1e-3, 0.9), (1e-6, 1.0), "eq. (1): no stretch reaches c1",
-        "A strain is a part: 0.1 for 10 %.",
-    ),
-    "island": Range(
-        "area of the islands that are left out over that of the tile",
-        (0.0, 0.05), (0.0, 0.99), "a tile of one island has no print left",
-        "Is the area in the unit that was meant? Numbers without a unit are m².",
-    ),
-    "tolerance": Range(
-        "deviation from a target that is tolerated, over the target, the skin's length or 180°",
-        (1e-3, 0.2), (0.0, 1.0), "0.02 and 0.03 by default",
-        "It is a part, 0.02 for 2 %, or an angle in degrees.",
-    ),
-    "stiffness": Range(
-        "stiffness that is asked for, on a logarithmic scale from that of the fabric, 0, to that "
-        "of the reinforced fabric, 1",
-        (0.0, 1.0), (-0.5, 1.5), "no pattern is softer or stiffer than its sheets",
-        "Ask for a stiffness between both, in N/m.",
-    ),
-    "friction": Range(
-        "coefficient of friction",
-        (0.05, 2.0), (0.0, 10.0), "0.1 for PTFE to 2 for rubber on dry ground (Moore 1972)",
-        "Is it a coefficient, and not an angle or a part in per cent?",
-    ),
-    "holding": Range(
-        "holding force that the design asks for, over the object's weight",
-        (1.0, 20.0), (0.0, 1e3), "with less than 1 the object falls",
-    ),
-    "weight": Range(
-        "weight of the object over the force at which inflated fingers of plain fabric would "
-        "buckle, n p π r³/L for n fingers",
-        (0.005, 10.0), (0.0, 1e2),
-        "collapse moment p π r³ of an inflated beam (Comer & Levy 1963)",
-        "Is the mass in kg? If so, take another object, or wider fingers with more pressure.",
-    ),
 }  # fmt: skip
 # Groups that count without a target and a design.
-SIMULATED = ("thickness", "contrast", "bladder", "stretch", "bounds", "knit", "load", "size")
+SIMULATED = ("thickness", "contrast", "stretch", "load", "size")
 
 
 @dataclass(frozen=True)
@@ -268,15 +191,10 @@ def sheet_groups(sheet: Composite, size: float) -> Iterator[Group]:
     yield Group("contrast", "reinforcement_young", contrast)
     if bladder is not None:
         yield Group("thickness", "bladder_thickness", bladder.thickness / size)
-        share = bladder.membrane_stiffness / fabric.membrane_stiffness
-        yield Group("bladder", "bladder_young", share)
     bounds = {"": sheet.fabric_bounds, "reinforcement_": sheet.reinforcement_bounds}
-    for of, (c1, c2) in bounds.items():
+    for of, (c1, _) in bounds.items():
         if not of or bounds[of] != bounds[""]:
             yield Group("stretch", f"{of}c1", c1)
-            yield Group("bounds", f"{of}c2", (c2 - 1) / (c1 - 1))
-    if sheet.knit is not None:
-        yield Group("knit", "knit_ratio", sheet.knit.ratio)
 
 
 def with_lengths(scene: Scene, size: float, groups: Iterable[Group]) -> Iterator[Group]:
@@ -392,20 +310,13 @@ class Inflated:
     def shortening(self, key: str, share: float) -> Iterator[Group]:
         """Yield the groups of a part of its length by which it shortens; it may lengthen too."""
         if share < 0:
-            yield from self.reach(key, -share)
+            yield self.reach(key, -share)
         else:
             yield Group("shortening", key, share)
 
-    def reach(self, key: str, strain: float) -> Iterator[Group]:
-        """Yield the groups of a strain that the fabric must have for the target of a key."""
-        yield Group("bound", key, strain / (self.sheet.fabric_bounds[0] - 1))
-        if self.pressure > 0:
-            yield self.supplied(key, strain)
-
-    def supplied(self, key: str, strain: float) -> Group:
-        """Return the group of such a strain over that which the pressure gives the fabric."""
-        given = self._widening(self.pressure) / 2
-        return Group("reach", key, strain / min(given, self.sheet.fabric_bounds[0] - 1))
+    def reach(self, key: str, strain: float) -> Group:
+        """Return the group of a strain that the fabric must have for the target of a key."""
+        return Group("bound", key, strain / (self.sheet.fabric_bounds[0] - 1))
 
     def bend(self, key: str, angle: float, length: float, outer: float) -> Iterator[Group]:
         """Yield the groups of a bend by an angle in degrees over a length in m.
@@ -413,13 +324,13 @@ class Inflated:
         `outer` is the distance in m of the outer side from the line that keeps its length.
         """
         yield angle_group(key, angle)
-        yield from self.reach(key, bend_strain(angle, length, outer))
+        yield self.reach(key, bend_strain(angle, length, outer))
 
     def twist(self, key: str, angle: float, length: float) -> Iterator[Group]:
         """Yield the groups of a twist by an angle in degrees over a length in m."""
         yield angle_group(key, angle)
         half = abs(math.radians(angle)) * self.radius / length / 2  # of the shear
-        yield from self.reach(key, half + math.hypot(1.0, half) - 1)  # the largest principal strain
+        yield self.reach(key, half + math.hypot(1.0, half) - 1)  # the largest principal strain
 
     def _widening(self, pressure: float) -> float:
         return pressure * self.radius / self.sheet.least_stiffness

@@ -70,7 +70,7 @@ def test_what_is_refused_leaves_a_good_run_as_it_was(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """By a wrong pattern, the run's own, other values, or another command."""
+    """By a wrong pattern, the run's own, other values, or another command; also to overwrite it."""
     monkeypatch.setattr("toros_fem.meshes.triangles.MOST_TRIANGLES", 10_000)
     finer = ["--set", "estimate_error=true", "--set", "check_refinement=8"]
     scene, good = designed
@@ -78,14 +78,15 @@ def test_what_is_refused_leaves_a_good_run_as_it_was(
     shutil.copytree(good, folder)
     (folder / "print_9.stl").write_text("mine")
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    simulate = ["simulate", str(scene), "--output", str(folder), "--overwrite", *changes()]
-    design = ["design", *simulate[1:]]
+    simulate = ["simulate", str(scene), "--output", str(folder), *changes()]
+    design, again = ["design", *simulate[1:]], [*simulate, "--overwrite"]
     for words, code in (
-        ([*simulate, "--pattern", str(scene)], 2),
-        ([*simulate, "--pattern", str(folder)], 2),
-        ([*simulate, "--pattern", str(folder / "pattern.npz")], 2),
-        ([*design, "--set", "edge_length=5e-5"], 2),
-        ([*design, "--set", "edge_length=0.4"], 2),
+        ([*simulate, "--pattern", str(scene)], 4),
+        (design, 4),
+        ([*again, "--pattern", str(folder)], 2),
+        ([*again, "--pattern", str(folder / "pattern.npz")], 2),
+        ([*design, "--overwrite", "--set", "edge_length=5e-5"], 2),
+        ([*design, "--overwrite", "--set", "edge_length=0.4"], 2),
         (["unwrap", str(ROOT / "demos" / "surfaces" / "finger.stl"), "--output", str(folder)], 4),
         (["export", str(folder), "--output", str(folder)], 2),
         (["resume", str(folder)], 4),

@@ -81,6 +81,8 @@ def run_scene(
     text = scene_text(scene.config, files, scene.materials)
     with scene.located():  # what is impossible is refused before a folder is touched
         doubts(scene.config, simulated=name == "simulate")
+        if overwrite and name == "design":
+            _require_meshes(comm, scene)
     with (
         scene.located(),
         open_run(comm, folder, inputs, scene=text, resume=resume, overwrite=overwrite, every=every),
@@ -176,6 +178,15 @@ def _require_apart(folder: Path, files: Mapping[str, Path]) -> None:
                 f"{name} = {path} belongs to the run in {folder}, which would be removed. "
                 "Choose another --output."
             )
+
+
+def _require_meshes(comm: MPI.Comm, scene: SceneFile) -> None:
+    """Check the files and meshes of a design before it removes a run (collective)."""
+    from toros_fem.products.actuators.cost import require_affordable_meshes
+    from toros_fem.products.actuators.scene import ActuatorScene
+
+    if isinstance(scene.config, ActuatorScene):
+        require_affordable_meshes(comm, scene.config.with_files(comm, scene.files))
 
 
 def _taken(scene: SceneFile, name: str) -> dict[str, Path]:

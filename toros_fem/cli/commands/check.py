@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import logging
 import math
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpi4py import MPI
 
+from toros_fem.base.errors import MeshSizeError
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scene_options import SceneCommand
 from toros_fem.cli.commands.doctor import memory_gib
 from toros_fem.measures.figures import formatted
 from toros_fem.mechanics.readings.bare_tube import tube_pressure, tube_strains
+from toros_fem.meshes.triangles import lowered_limit
+from toros_fem.products.actuators.cost import QUICK, probe_level
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.kinds import ABOUT
 from toros_fem.products.plausibility import Inflated, doubts, target_doubts
@@ -60,7 +64,9 @@ class Check(SceneCommand):
             read = scene.config.with_files(comm, scene.files)
             doubtful = doubts(read)
             if isinstance(read, ActuatorScene):
-                doubtful += target_doubts(read.case(comm, read.levels[0]))
+                # A target is judged where a mesh for it is made at once.
+                with suppress(MeshSizeError), lowered_limit(QUICK):
+                    doubtful += target_doubts(read.case(comm, probe_level(read)))
             figures["doubts"] = doubtful
             cost_of = getattr(read, "expected_cost", None)
             more = {"from_print": True} if "start_from" in scene.files else {}

@@ -365,13 +365,9 @@ class ActuatorScene(MeshedScene):
         yield from skin.groups()
         if curve is not None:
             yield skin.load("curve_pressure", curve)
-        for key in ("tolerance", "shape_tolerance"):
-            yield Group("tolerance", key, self.value(key))
-        direction = self.results.direction_tolerance
-        yield Group("tolerance", "direction_tolerance", direction / 180)
         for key, edge in self.edges.items():
-            name = "relaxed" if key == "relaxed_edge_length" else "edges"
-            yield Group(name, key, skin.girth / edge)
+            if key != "relaxed_edge_length":  # lines are laid on a finer mesh
+                yield Group("edges", key, skin.girth / edge)
         for key in LAYERS:
             if key in self.described() and (thickness := self.value(key)) is not None:
                 yield Group("thickness", key, thickness / skin.radius)

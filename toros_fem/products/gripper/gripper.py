@@ -200,18 +200,10 @@ class GripperScene(ActuatorScene):
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
         yield from super().groups_of(skin)
-        length = self.skin.finger_length
-        yield skin.slenderness("finger_length", length)
-        force = self.fingers * skin.pressure * np.pi * skin.radius**3 / length
-        weight = self.object.mass * GRAVITY / force
-        yield Group("weight", "mass", weight)
-        yield Group("holding", "holding_factor", self.objective.holding_factor)
-        yield skin.supplied("wrap_angle", 2 * skin.radius / self.bend_radius)
+        yield skin.slenderness("finger_length", self.skin.finger_length)
         for name in ("wrap_angle", "tip_angle", "edge_angle"):
             if (angle := self.value(name)) is not None:
                 yield angle_group(name, angle)
-        if self.contact.friction is not None:
-            yield Group("friction", "friction", self.contact.friction)
 
     @property
     def fingers(self) -> int:

@@ -344,7 +344,7 @@ class OwnMeshScene(ActuatorScene):
         read, asked = self.own_skin, self.target
         edge = read.edge_length / 2.0**self.skin.refinements
         yield Group("size", "scale", float(np.ptp(read.whole.points, axis=0).max()))
-        yield Group("mesh", "refinements", skin.girth / edge)
+        yield Group("edges", "refinements", skin.girth / edge)
         if self.design.start != "relaxed" and self.design.filter_radius is not None:
             yield Group("filter", "filter_radius", self.design.filter_radius / edge)
         if read.target is not None:

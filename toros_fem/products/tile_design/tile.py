@@ -132,17 +132,8 @@ class TileScene(TileDesignScene):
         return with_lengths(self, self.skin.size, self._groups())
 
     def _groups(self) -> Iterator[Group]:
-        side, design, sheets = self.skin.size, self.design, self.material.composite
-        yield from sheet_groups(sheets, side)
-        yield Group("tolerance", "tolerance", design.tolerance)
-        yield Group("island", "island_area", self.print.island_area / side**2)
-        yield Group("pull", "strain", abs(self.pull.strain) / (sheets.fabric_bounds[0] - 1))
-        soft, stiff = sheets.fabric.membrane_stiffness, sheets.reinforcement.membrane_stiffness
-        for name in ("stiffness_0", "stiffness_45", "stiffness_90"):
-            asked = self.value(name)
-            if asked is not None and soft != stiff:
-                share = np.log(asked / soft) / np.log(stiff / soft)
-                yield Group("stiffness", name, float(share))
+        side, design = self.skin.size, self.design
+        yield from sheet_groups(self.material.composite, side)
         constrained = ("line_width", "gap_width") if design.constrained else ()
         for name in ("print_width", "filter_radius", *constrained):
             if (width := self.value(name)) is not None:

@@ -40,7 +40,6 @@ class BendTarget(Table):
 
     def groups(self, skin: Inflated, length: float) -> Iterator[Group]:
         """Yield the groups of the bend of a tube of a length in m."""
-        yield Group("neutral", "neutral", self.neutral / skin.radius)
         yield from skin.bend("angle", self.angle, length, skin.radius + self.neutral)
 
 

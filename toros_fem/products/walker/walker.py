@@ -32,7 +32,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import until_failure
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import GRAVITY, Weight
+from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, plane_centroids, sew, stand, walker
 from toros_fem.meshes.mirror import mirrored
@@ -40,7 +40,7 @@ from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.plausibility import Group, Inflated, angle_group, bend_strain
+from toros_fem.products.plausibility import Group, Inflated, angle_group
 from toros_fem.products.tables.loads import Contacts, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
@@ -203,22 +203,11 @@ class WalkerScene(ActuatorScene):
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
         yield from super().groups_of(skin)
-        asked, sizes, feet = self.target, self.skin, self.contact
+        asked, sizes = self.target, self.skin
         yield skin.slenderness("leg_length", sizes.leg_length)
         yield angle_group("angle", self.leg_angle)
-        bend = bend_strain(self.leg_angle, asked.bent_length, 2 * skin.radius)
-        yield skin.supplied("angle", bend)
         if asked.motion == "crawl":
-            yield from skin.reach("reach", abs(asked.reach) / sizes.body_radius)
-        for name in ("fabric_mass", "print_mass"):
-            if mass := self.value(name):
-                yield Group("heavy", name, mass * GRAVITY / skin.pressure)
-        used = {"friction": feet.friction}
-        if feet.feet == "one-way":
-            used["pad_friction"] = feet.pad_friction
-        for name, value in used.items():
-            if value is not None:
-                yield Group("friction", name, value)
+            yield skin.reach("reach", abs(asked.reach) / sizes.body_radius)
 
     @property
     def star(self) -> Star:
