@@ -70,8 +70,6 @@ def test_lines_of_a_reader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert text.startswith(f"{scene} is in order: a tube that bends.\nfabric         jersey-light")
     assert "\nreinforcement  tpu-85a: TPU" in text
     assert "\ntriangles   about " in text
-    assert "\ntime        " in text
-    assert "Newton steps on " in text
 
 
 @pytest.mark.parametrize(
@@ -141,13 +139,12 @@ def test_other_kinds(
     capsys.readouterr()
     if triangles is None:
         assert run(alone, ["check", str(path)]) == 0
-        assert f"{kind!r} is not estimated." in capsys.readouterr().out
+        assert "triangles" not in capsys.readouterr().out
         return
     assert run(alone, ["check", str(path), "--coarse", "--json"]) == 0
     captured = capsys.readouterr()
     found = json.loads(captured.out)
     assert found["triangles"] == pytest.approx(triangles, rel=0.1)
-    assert 0 < found["minutes"][0] < found["minutes"][1]
 
 
 def test_what_the_pressure_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

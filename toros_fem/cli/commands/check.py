@@ -16,14 +16,11 @@ from toros_fem.cli.command_line.scene_options import SceneCommand
 from toros_fem.cli.commands.doctor import memory_gib
 from toros_fem.measures.figures import formatted
 from toros_fem.mechanics.readings.bare_tube import tube_pressure, tube_strains
-from toros_fem.meshes.triangles import lowered_limit
-from toros_fem.products.actuators.cost import QUICK, probe_level
-from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.kinds import ABOUT
-from toros_fem.products.plausibility import Inflated, doubts, target_doubts
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.cost import Cost
+    from toros_fem.products.plausibility import Inflated
 
 log = logging.getLogger(__name__)
 BED = (
@@ -52,6 +49,11 @@ class Check(SceneCommand):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Read the scene, and find its cost (collective)."""
+        from toros_fem.meshes.triangles import lowered_limit
+        from toros_fem.products.actuators.cost import QUICK, probe_level
+        from toros_fem.products.actuators.scene import ActuatorScene
+        from toros_fem.products.plausibility import doubts, target_doubts
+
         scene = self.scene(comm)
         figures: dict[str, Any] = {
             "file": scene.path,

@@ -91,12 +91,13 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
                 name = next((word for word in words if word in COMMANDS), None)
                 _print(name, answer, as_json=as_json)
             sys.stdout.flush()
-        except BrokenPipeError:  # its reader has gone, as `head` does
+        except OSError as fault:
+            if not isinstance(fault, BrokenPipeError):  # of a reader that has gone, as `head` does
+                print(f"the answer cannot be written: {fault}", file=sys.stderr)
+                code = code or NOT_WRITTEN
+            # What the stream still holds would fail again when Python ends.
             with open(os.devnull, "w") as nothing:
                 os.dup2(nothing.fileno(), sys.stdout.fileno())
-        except OSError as fault:
-            print(f"the answer cannot be written: {fault}", file=sys.stderr)
-            code = code or NOT_WRITTEN
     return code
 
 
