@@ -81,7 +81,9 @@ class Designer(DensityDesigner):
         """Design, and write all results."""
         scene, comm = self.scene, self.comm
         require_affordable_meshes(comm, scene)
-        warn_of_doubts(comm, scene, case=scene.case(comm, scene.levels[0]))
+        lines = scene.design.start == "relaxed"
+        level = scene.relaxed_level if lines else scene.levels[0]
+        warn_of_doubts(comm, scene, case=scene.case(comm, level))
         best, place = self._checked(self._from_seed(0)), 0
         # A given print is the start, whatever the seed.
         for number in range(1, 1 if self.source is not None else self.scene.design.seeds):
