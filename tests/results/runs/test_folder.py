@@ -186,6 +186,22 @@ def test_a_folder_that_is_not_empty_is_refused(comm: MPI.Comm, folder: Path) -> 
     assert names(folder) == {"finger.stl"}
 
 
+def test_a_run_that_is_refused_at_once_leaves_its_folder_empty(
+    comm: MPI.Comm, folder: Path
+) -> None:
+    """So that it is begun again with other inputs; what has written anything stays."""
+    with pytest.raises(ParameterError), open_run(comm, folder, INPUTS, scene="# mine\n"):
+        raise ParameterError("wrong")
+    comm.barrier()
+    assert names(folder) == {LOCK}
+    comm.barrier()
+    with pytest.raises(ParameterError), open_run(comm, folder, {"length": 0.2}) as run:  # noqa: PT012
+        run.journal(folder).entry(comm, "loop").offer(lambda: STATE, last=False)
+        raise ParameterError("later")
+    comm.barrier()
+    assert not read_record(comm, folder)[0].finished, "it can go on"
+
+
 def test_a_run_is_overwritten_by_its_names_alone(comm: MPI.Comm, folder: Path) -> None:
     """What a person put beside its files and into its folders stays, links unfollowed."""
     leave(comm, folder, finished=True)

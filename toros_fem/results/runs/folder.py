@@ -287,7 +287,9 @@ def _anew(
     stack.callback(FolderLock(folder).release)
     empty = _require_room(folder, overwrite=overwrite)  # another process may have begun just now
     remove_unfinished(folder)
-    if not empty:
+    if empty:
+        stack.push(partial(_forget, folder))
+    else:
         *others, _ = files_of_run(folder)
         for path in others:
             path.unlink()
@@ -297,6 +299,16 @@ def _anew(
     (folder / STATE).mkdir(exist_ok=True)
     _write_run(folder, record, scene)
     return record
+
+
+def _forget(folder: Path, kind: type[BaseException] | None, *_: Any) -> None:
+    """Remove what a run is begun with, where an error ended it before it had written more."""
+    state = folder / STATE
+    more = _whole(folder) - {NAME, SCENE, STATE} | _whole(state) - {RECORD}
+    if kind is not None and not issubclass(kind, RunStoppedError) and not more:
+        for path in (folder / SCENE, state / RECORD):
+            path.unlink(missing_ok=True)
+        state.rmdir()
 
 
 def _require_room(folder: Path, *, overwrite: bool) -> bool:
