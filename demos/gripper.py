@@ -94,8 +94,7 @@ case = tf.Case(
 
 # %% [markdown]
 # ## Design, print, files
-# Steps that only raise the holding force are small: no stage ends because T falls slowly. Then the
-# design goes on towards what its print misses.
+# Steps that only raise the holding force are small: no stage ends because T falls slowly.
 # %%
 options = tf.DesignOptions((tf.Stage(60), tf.Stage(40, constrained=True)))
 design = tf.ShapeDesign(comm, case, tf.Regularisation(filter_radius))

@@ -106,7 +106,6 @@ case = tf.Case(
 
 # %% [markdown]
 # ## Design and print
-
 # %%
 first, second = (40, 30) if given.coarse else (60, 40)
 stages = (tf.Stage(first), tf.Stage(second, constrained=True))

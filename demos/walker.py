@@ -95,7 +95,6 @@ summary = tf.write_results(given.output, result, printed, seconds=reporter.secon
 # Half of the robot, front and rear leg on one side, has three chambers: body, front and rear legs.
 # All are filled, then the legs are emptied, and so on. Full legs draw the rear feet up to the front
 # ones; emptied, they push the front ones ahead.
-
 # %%
 made = printed.evaluation or result.final
 assert isinstance(made.problem, tf.ShapeDesign)

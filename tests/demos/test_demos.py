@@ -182,10 +182,10 @@ def test_on_all_ranks(
 
 
 @pytest.mark.parametrize("name", [*DEMOS, "three_field"])
-def test_is_a_short_script_with_three_options(name: str) -> None:
+def test_is_a_short_script_with_four_options(name: str) -> None:
     text = (ROOT / "demos" / f"{name}.py").read_text(encoding="utf-8")
     seeds = [] if name == "tile_sheet" else ["seed"]  # nothing is random there
-    assert re.findall(r'"--(.*?)"', text) == ["coarse", *seeds, "output"]
+    assert re.findall(r'"--(.*?)"', text) == ["coarse", *seeds, "output", "overwrite"]
     if name in DEMOS:
         assert text.startswith("# %% [markdown]\n# # ")
         assert len(text.splitlines()) <= 130
