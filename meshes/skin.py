@@ -21,7 +21,7 @@ from toros_fem.base.validation import require_kind
 from toros_fem.meshes.pattern import Pattern
 
 # Sizes in m, of the bounding box's diagonal, beyond which a unit is wrong.
-SMALLEST, LARGEST = 1e-4, 10.0
+SMALLEST, LARGEST = 1e-4, 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     Raises:
         ParameterError: The pattern is no `Pattern`.
         PatternError: There are more ranks than triangles, or the skin is smaller than 0.1 mm or
-            larger than 10 m.
+            larger than 20 m.
     """
     require_comm(comm)
     require_kind("pattern", pattern, Pattern, "a Pattern, by meshes.cylinder for instance")
