@@ -46,7 +46,7 @@ def angle(comm: MPI.Comm, scene: OwnMeshScene, path: Path) -> float:
 def test_a_long_tube_bends_on_a_new_mesh(alone: MPI.Comm, tmp_path: Path) -> None:
     path = stl(tmp_path / "tube.stl", TUBE.points)
     coarse = replace(CONFIG, read=read_skin(alone, CONFIG, path))
-    with pytest.raises(errors.ParameterError, match="around an own mesh.*`remesh` makes a new"):
+    with pytest.raises(errors.ParameterError, match="around the skin.*`remesh` makes a new"):
         doubts(coarse)
     whole, half = (angle(alone, NEW.updated(symmetry=one), path) for one in (None, "y"))
     assert whole == pytest.approx(65, abs=7)
