@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers.designs import border_term, full, make_problem
+from helpers.designs import full, make_problem
 from helpers.standing import solver_on_base
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import norm
 from toros_fem.design.density.field import random_density
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -57,15 +56,3 @@ def test_gradient_of_an_earlier_design(short_tube: Skin, short_solver: Equilibri
     gradient = problem.differentiate(first).gradient
     problem.simulate(random_density(short_tube, 1))
     assert problem.differentiate(first).gradient == pytest.approx(gradient, rel=1e-6, abs=1e-12)
-
-
-def test_terms_have_names_of_their_own(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
-    """T would count the second measure twice, its gradient each of them."""
-    terms = [border_term(short_tube, weight) for weight in (1.0, 2.0)]
-    with pytest.raises(ParameterError, match="perimeter"):
-        make_problem(short_tube, short_solver).changed(terms=terms)
-
-
-def test_a_problem_has_no_other_parts(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
-    with pytest.raises((TypeError, ParameterError), match="term"):
-        make_problem(short_tube, short_solver).changed(term=[])
