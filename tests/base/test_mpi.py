@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+import toros_fem as tf
 from toros_fem.base import mpi
 from toros_fem.base.errors import TorosWarning
 from toros_fem.base.mpi import warn_together
-from toros_fem.meshes import cylinder, sew
+from toros_fem.design.density.filters import make_filter
 
 
 def test_reductions(comm: MPI.Comm) -> None:
@@ -69,8 +70,9 @@ def test_warnings_come_from_one_rank(comm: MPI.Comm) -> None:
 
 def test_warnings_point_at_the_code_of_the_user(alone: MPI.Comm) -> None:
     """However deep in the package they arise."""
+    skin = tf.sew(alone, tf.meshes.cylinder(alone, 0.04, 0.02, 7e-3, mesh="structured"))
     with pytest.warns(TorosWarning) as found:
-        sew(alone, cylinder(alone, 30.0, 2.0, 0.5, mesh="structured"))
+        make_filter("cone", skin, 9e-3)
     assert found[0].filename == __file__
 
 

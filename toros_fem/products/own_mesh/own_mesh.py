@@ -269,7 +269,7 @@ class OwnMeshScene(ActuatorScene):
     }
     FEW: ClassVar = (
         "bend", "twist", "shorten", "axis", "toward", "scale", "remesh", "refinements",
-        "symmetry", "pressure", "hold_pressure", "seed",
+        "symmetry", "pressure", "seed",
     )  # fmt: skip
 
     NEEDS: ClassVar = {
