@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -230,11 +230,8 @@ def doubts(scene: Scene, simulated: bool = False) -> list[str]:
     return found if simulated else [*found, *_idle(scene)]
 
 
-def warn_of_doubts(
-    comm: MPI.Comm, scene: Scene, *, case: Case | None = None, simulated: bool = False
-) -> None:
-    """Log `doubts` on the first rank, and those of the target of a case."""
-    doubtful = [*doubts(scene, simulated), *([] if case is None else target_doubts(case))]
+def warn_of_doubts(comm: MPI.Comm, doubtful: Sequence[str]) -> None:
+    """Log doubts on the first rank."""
     if comm.rank == 0:
         for one in doubtful:
             log.warning("%s", one)

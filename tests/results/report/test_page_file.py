@@ -79,7 +79,7 @@ def test_what_is_unusual_is_told(run: Path) -> None:
     page = html.unescape(write_report(run).read_text(encoding="utf-8"))
     for text in (*warnings, "of these 1 island<"):
         assert text in page
-    assert as_text(read_run(run)).endswith("Warnings:\n  " + "\n  ".join(warnings))
+    assert as_text(read_run(run).summary).endswith("Warnings:\n  " + "\n  ".join(warnings))
     (run / "summary.json").unlink()
     page = html.unescape(write_report(run).read_text(encoding="utf-8"))
     assert "This run has no summary" in page

@@ -27,8 +27,7 @@ from toros_fem.results.report.page_file import write_report
 from toros_fem.results.report.tables import as_text
 from toros_fem.results.runs.files import SCENE, files_of_run
 from toros_fem.results.runs.folder import FREE, open_run, read_record
-from toros_fem.results.runs.run_folder import read_run
-from toros_fem.results.runs.summary_file import read_content
+from toros_fem.results.runs.summary_file import read_content, summary_of
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +79,7 @@ def run_scene(
     inputs = on_first_rank(comm, lambda: inputs_of(scene, name))
     text = scene_text(scene.config, files, scene.materials)
     with scene.located():  # what is impossible is refused before a folder is touched
-        doubts(scene.config, simulated=name == "simulate")
+        doubtful = doubts(scene.config, simulated=name == "simulate")
         if overwrite and name == "design":
             _require_meshes(comm, scene)
     with (
@@ -90,7 +89,7 @@ def run_scene(
         if resume:
             log.info("the run in %s goes on", folder)
         if name == "simulate":  # a design warns by itself
-            warn_of_doubts(comm, scene.config, simulated=True)
+            warn_of_doubts(comm, doubtful)
         action(comm, folder, files, verbose=verbose)
     told, summary = on_first_rank(comm, lambda: (_told(folder), read_content(folder)))
     return Answer("\n".join([told, *narrower(scene, folder, summary)]), summary)
@@ -98,14 +97,14 @@ def run_scene(
 
 def _told(folder: Path) -> str:
     """Write the report of a run, and return what a terminal tells of it (one rank)."""
-    run, place = read_run(folder), folder
+    place = folder
 
     def write() -> None:
         nonlocal place
         place = write_report(folder)
 
     if_plotting(write)
-    return f"{as_text(run)}\nSee {place}"
+    return f"{as_text(summary_of(folder))}\nSee {place}"
 
 
 def narrower(scene: SceneFile, folder: Path, summary: Mapping[str, Any]) -> list[str]:

@@ -83,13 +83,11 @@ class SceneCommand(Changes, Meshes):
         scene = read_scene(self.file, comm=comm, coarse=self.coarse, changes=self.set)
         scene.require_files(comm)
         if self.coarse and comm.rank == 0:
-            plain = read_scene(self.file, changes=self.set).config
-            known = plain.described()
+            known = scene.config.described()
             told = [
                 f"{name} = {known[name].written(scene.config.value(name))} (not "
-                f"{known[name].written(plain.value(name))})"
-                for name in known
-                if scene.config.value(name) != plain.value(name)
+                f"{known[name].written(value)})"
+                for name, value in scene.instead.items()
             ]
             log.info("--coarse takes %s", ", ".join(told) or "what stands there")
         return scene

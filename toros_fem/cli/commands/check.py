@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import logging
 import math
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import MeshSizeError
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scene_options import SceneCommand
 from toros_fem.cli.commands.doctor import memory_gib
@@ -49,10 +47,7 @@ class Check(SceneCommand):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Read the scene, and find its cost (collective)."""
-        from toros_fem.meshes.triangles import lowered_limit
-        from toros_fem.products.actuators.cost import QUICK, probe_level
-        from toros_fem.products.actuators.scene import ActuatorScene
-        from toros_fem.products.plausibility import doubts, target_doubts
+        from toros_fem.products.plausibility import doubts
 
         scene = self.scene(comm)
         figures: dict[str, Any] = {
@@ -65,14 +60,13 @@ class Check(SceneCommand):
         with self.meshes_allowed(), scene.located():
             read = scene.config.with_files(comm, scene.files)
             doubtful = doubts(read)
-            if isinstance(read, ActuatorScene):
-                # A target is judged where a mesh for it is made at once.
-                with suppress(MeshSizeError), lowered_limit(QUICK):
-                    doubtful += target_doubts(read.case(comm, probe_level(read)))
-            figures["doubts"] = doubtful
             cost_of = getattr(read, "expected_cost", None)
             more = {"from_print": True} if "start_from" in scene.files else {}
             cost = cost_of and cost_of(comm, **more)
+        if cost is not None:
+            figures |= {**asdict(cost), "memory_gib": cost.memory / 2**30}
+            doubtful += cost.doubts
+        figures["doubts"] = doubtful
         state = "is in order" if not doubtful else "can be read, but is doubtful"
         lines = [f"{scene.path} {state}: {ABOUT[scene.kind.KIND]}."]
         lines += [f"doubt       {one}" for one in doubtful]
@@ -83,7 +77,6 @@ class Check(SceneCommand):
         if cost is not None and cost.placing:
             lines.append(f"bed         {BED} {cost.placing}")
         if cost is not None:
-            figures |= {**asdict(cost), "memory_gib": cost.memory / 2**30}
             lines += cost_lines(comm, cost)
         return Answer("\n".join(lines), figures)
 

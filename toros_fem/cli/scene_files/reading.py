@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -38,6 +38,7 @@ class SceneFile:
             command line gives it.
         materials: Materials of the library that it names, by "fabric", "reinforcement" and
             "bladder"; numbers that are given beside a name beat those of the material.
+        instead: Values of the file in whose place the quick variant, if it was taken, has others.
     """
 
     path: Path
@@ -46,6 +47,7 @@ class SceneFile:
     files: Mapping[str, Path]
     lines: Mapping[str, int]
     materials: Mapping[str, LibraryMaterial]
+    instead: Mapping[str, Any] = field(default_factory=dict)
 
     def require_files(self, comm: MPI.Comm) -> None:
         """Check that the files and folders that it names are there (collective).
@@ -180,9 +182,13 @@ class _Reader(Document):
             library = read_library(*([] if own is None else [own]), comm=comm)
             for table, values in (("", given), (QUICK, quick), (CHANGED, over)):
                 self.name_materials(table, values, library)
-        layers = [("", given)]
+        layers, instead = [("", given)], dict[str, Any]()
         if coarse:
-            layers += [("", self.quick(given)), (QUICK, quick)]
+            plain, _ = self.resolved(layers)
+            coarser = _coarser(plain)
+            layers += [("", coarser), (QUICK, quick)]
+            known = (coarser.keys() | quick.keys()) & plain.described().keys() - over.keys()
+            instead = {key: plain.value(key) for key in plain.described() if key in known}
         config, materials = self.resolved([*layers, (CHANGED, over)])
         files = {name: path for name, path in files.items() if path is not None}
         lines = {
@@ -190,7 +196,7 @@ class _Reader(Document):
             for place, line in self.lines.items()
             if len(place) == 2 and place not in self.changes and place[1] not in over
         }
-        return SceneFile(self.path, self.kind, config, files, lines, materials)
+        return SceneFile(self.path, self.kind, config, files, lines, materials, instead)
 
     def change(self, text: str) -> None:
         """Put a change TABLE.KEY=VALUE, whose table may be missing, into the content."""
@@ -256,13 +262,6 @@ class _Reader(Document):
             except FileError as caught:
                 self.fail((table or self.homes[role], role), str(caught))
 
-    def quick(self, given: _Values) -> _Values:
-        """Return what the quick variant of the file's scene changes."""
-        config, _ = self.resolved([("", given)])
-        quick = config.coarse()
-        changed = {key: quick.value(key) for key in config.described()}
-        return {key: value for key, value in changed.items() if value != config.value(key)}
-
     def resolved(
         self, layers: Sequence[tuple[str, _Values]]
     ) -> tuple[Scene, dict[str, LibraryMaterial]]:
@@ -281,3 +280,10 @@ class _Reader(Document):
             home = self.homes.get(key)
             place = () if home is None else ((tables or [""])[-1] or home, key)
             self.fail(place, str(caught))
+
+
+def _coarser(plain: Scene) -> _Values:
+    """Return what the quick variant of a scene changes."""
+    quick = plain.coarse()
+    changed = {key: quick.value(key) for key in plain.described()}
+    return {key: value for key, value in changed.items() if value != plain.value(key)}

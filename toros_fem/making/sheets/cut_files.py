@@ -94,7 +94,7 @@ def _layers(sheet: Sheet, options: ManufactureOptions) -> dict[str, list[Layer]]
 
 def outlines(label: Label) -> list[Floats]:
     """Return the outlines of a text's letters as closed lines in m, (n, 2) each."""
-    required("matplotlib")
+    required("matplotlib", "plot")
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ from toros_fem.meshes.triangles import (
     require_affordable,
     require_fewer,
 )
+from toros_fem.products.plausibility import target_doubts
 
 if TYPE_CHECKING:  # a scene checks its cost before it is designed
     from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -54,6 +56,7 @@ class Cost:
         beside: Number of prints that are kept beside the largest mesh, which is that of a check.
         placing: Why the panels fit on no bed of the default size, so that the design has no machine
             files; None if they fit, or if that is not known.
+        doubts: What is doubtful about the target, as of `target_doubts`.
     """
 
     triangles: int
@@ -62,6 +65,7 @@ class Cost:
     ranks: int
     beside: int = 0
     placing: str | None = None
+    doubts: Sequence[str] = ()
 
     @property
     def memory(self) -> float:
@@ -81,8 +85,9 @@ def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, from_print: bool = Fa
     """
     scene = scene.from_print() if from_print else scene
     area, made = sized(comm, scene, probe_level(scene))
-    placing = None
+    placing, doubtful = None, list[str]()
     if made is not None:
+        doubtful = target_doubts(made)
         scene.require_possible(made.pattern)
         whole = made.whole.pattern
         placing = on_first_rank(comm, lambda: placing_fault(whole))
@@ -94,7 +99,7 @@ def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, from_print: bool = Fa
         lines = scene.design.start == "relaxed" and not from_print
         beside = 2 if lines and scene.design.corrections else 1
     unknowns = round(_unknowns(scene, made) * finest)
-    return Cost(finest, largest, unknowns, comm.size, beside, placing)
+    return Cost(finest, largest, unknowns, comm.size, beside, placing, doubtful)
 
 
 def expected_time(comm: MPI.Comm, scene: ActuatorScene, cost: Cost) -> tuple[float, float]:
@@ -150,19 +155,20 @@ def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> tuple[float, Ca
     return area, made
 
 
-def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> None:
-    """Check all meshes of a design by the area of the coarsest one (collective).
+def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> Case | None:
+    """Check all meshes of a design by the coarsest one, and return its case (collective).
+
+    The case is None where even this mesh has too many triangles for a quick look.
 
     Raises:
         MeshSizeError: One would have more triangles than `triangle_limit` allows.
     """
-    if not scene.edges and scene.results.check_refinement is None:
-        return
     lines = scene.design.start == "relaxed"
     area, made = sized(comm, scene, scene.relaxed_level if lines else scene.levels[0])
-    if comm.rank == 0:
+    if comm.rank == 0 and (scene.edges or scene.results.check_refinement is not None):
         count = finest_triangles(scene, area, made)
         log.info("about %d triangles on the finest mesh", count)
+    return made
 
 
 def finest_triangles(scene: ActuatorScene, area: float, made: Case | None) -> int:

@@ -46,7 +46,7 @@ from toros_fem.products.actuators.other_mesh import Again, simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Searched
 from toros_fem.products.actuators.trim import trimmed
-from toros_fem.products.plausibility import warn_of_doubts
+from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import run_of
 from toros_fem.results.shape_miss import shape_of
@@ -80,10 +80,9 @@ class Designer(DensityDesigner):
     def design(self) -> ActuatorResult:
         """Design, and write all results."""
         scene, comm = self.scene, self.comm
-        require_affordable_meshes(comm, scene)
-        lines = scene.design.start == "relaxed"
-        level = scene.relaxed_level if lines else scene.levels[0]
-        warn_of_doubts(comm, scene, case=scene.case(comm, level))
+        case = require_affordable_meshes(comm, scene)
+        of_target = [] if case is None else target_doubts(case)
+        warn_of_doubts(comm, [*doubts(scene), *of_target])
         best, place = self._checked(self._from_seed(0)), 0
         # A given print is the start, whatever the seed.
         for number in range(1, 1 if self.source is not None else self.scene.design.seeds):

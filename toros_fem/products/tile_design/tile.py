@@ -28,7 +28,13 @@ from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 from toros_fem.meshes.makers.tile import KINDS
 from toros_fem.meshes.triangles import require_affordable
 from toros_fem.products.actuators.cost import Cost
-from toros_fem.products.plausibility import Group, sheet_groups, warn_of_doubts, with_lengths
+from toros_fem.products.plausibility import (
+    Group,
+    doubts,
+    sheet_groups,
+    warn_of_doubts,
+    with_lengths,
+)
 from toros_fem.products.tile_design.as_printed import measure_print
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
@@ -118,14 +124,8 @@ class TileScene(TileDesignScene):
     KIND: ClassVar = "tile"
     COARSE: ClassVar = {"edge_length": 1.6, "filter_radius": 8 / 7}
     FEW: ClassVar = (
-        "target",
-        "stiffness_0",
-        "stiffness_45",
-        "stiffness_90",
-        "size",
-        "edge_length",
-        "seed",
-    )
+        "target", "stiffness_0", "stiffness_45", "stiffness_90", "size", "edge_length", "seed",
+    )  # fmt: skip
 
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
@@ -149,7 +149,7 @@ class TileScene(TileDesignScene):
     ) -> RunResult:
         """Design the tile and write all results into a folder (collective)."""
         scene = self.of_first_rank(comm)
-        warn_of_doubts(comm, scene)
+        warn_of_doubts(comm, doubts(scene))
         reporter, case = DesignReporter(comm, output), tile_case(comm, scene)
         log = print_step(comm) if verbose else None
         made = design_tile(case, scene, reporter, log, journal_of(output))

@@ -41,15 +41,8 @@ class BendTwistScene(SectionTubeScene):
     KIND: ClassVar = "bend-twist"
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "laid_width": 1.0, "second_laid_width": 1.0}
     FEW: ClassVar = (
-        "angle",
-        "twist",
-        "neutral",
-        "length",
-        "diameter",
-        "edge_length",
-        "pressure",
-        "seed",
-    )
+        "angle", "twist", "neutral", "length", "diameter", "edge_length", "pressure", "seed",
+    )  # fmt: skip
 
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""

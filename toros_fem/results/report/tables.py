@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from toros_fem.base.units import duration
 from toros_fem.base.validation import is_number
@@ -70,12 +71,10 @@ def key_figures(run: Run) -> Table:
     """Return the metrics with error estimates, targets, and what the design had."""
     entries = run.summary.entries
     columns = dict.fromkeys(key for rows in (run.history, run.curve) for row in rows for key in row)
-    # Where a relaxed design is laid as lines, no design by densities stands beside the print.
-    laid = "lines" in entries and not entries.get("densities_kept")
-    rows = []
+    known, rows = _designed(run.summary), []
     of_shape = filter(is_of_shape, run.summary.figures.values())
     for figure in (*metrics_of(run.summary, list(columns)), *of_shape):
-        designed = (entries.get("design") or {}).get(figure.key)
+        designed = known.get(figure.key)
         if not run.summary and run.history:
             designed = run.history[-1].get(figure.key)
         width, unit = figure.interval, figure.unit
@@ -85,12 +84,18 @@ def key_figures(run: Run) -> Table:
                 formatted(figure.value, unit),
                 NONE if width is None else f"± {formatted(float(f'{width:.2g}'), unit)}",
                 figure.asked or NONE,
-                formatted(None if laid else designed, unit),
+                formatted(designed, unit),
                 figure.state or "",
             ]
         )
     value = "value" if run.summary and "design" not in entries else "as printed"
     return Table(["", value, "interval", "target", "as designed", "state"], rows)
+
+
+def _designed(summary: Summary) -> Mapping[str, Any]:
+    """Return what the design by densities had; nothing where laid lines are in its place."""
+    laid = "lines" in summary.entries and not summary.entries.get("densities_kept")
+    return {} if laid else summary.entries.get("design") or {}
 
 
 def verdict(run: Run) -> tuple[str, list[str]]:
@@ -101,13 +106,12 @@ def verdict(run: Run) -> tuple[str, list[str]]:
     return word, [*found, *([f"What binds: {'; '.join(binding)}."] if binding else [])]
 
 
-def as_text(run: Run) -> str:
+def as_text(summary: Summary) -> str:
     """Return verdict, figures, what binds and warnings as lines for a terminal."""
-    entries, designed = run.summary.entries, run.summary.entries.get("design") or {}
-    laid = "lines" in entries and not entries.get("densities_kept")
+    entries, designed = summary.entries, _designed(summary)
     figures = [
         figure
-        for figure in run.summary.figures.values()
+        for figure in summary.figures.values()
         if figure.unit not in UNTOLD and (figure.state or not is_of_shape(figure))
     ]
     rows = [
@@ -115,7 +119,7 @@ def as_text(run: Run) -> str:
             figure.label,
             figure.shown,
             figure.asked,
-            "" if laid or figure.key not in designed else figure.rounded(designed[figure.key]),
+            figure.rounded(designed[figure.key]) if figure.key in designed else "",
             figure.state or "",
         ]
         for figure in figures
@@ -134,7 +138,7 @@ def as_text(run: Run) -> str:
     told += [f"  computed in {duration(seconds)}"] if seconds is not None else []
     for title, texts in (
         ("What binds:", (entries.get("verdict") or {}).get("binding") or ()),
-        ("Warnings:", warnings(run)),
+        ("Warnings:", entries.get("warnings") or ()),
     ):
         told += [title, *(f"  {text}" for text in texts)] if texts else []
     return "\n".join(told)

@@ -82,14 +82,11 @@ def warnings_of(content: Mapping[str, Any]) -> list[str]:
 
 def beyond_tests(content: Mapping[str, Any]) -> str:
     """Return that a fabric stretches further than it was tested; empty if not, or not known."""
-    tested, bound = (inputs_of(content).get(key) for key in ("tested_stretch", "c1"))
-    figures = content.get("figures") or ()
+    known, figures = known_use(content), content.get("figures") or ()
     used = next((row["value"] for row in figures if row["name"] == "stretch"), None)
-    if tested is None or bound is None or used is None:
+    if known is None or used is None or used <= (1 + BEYOND) * known:
         return ""
-    most = 1 + used * (bound - 1)
-    if most - 1 <= (1 + BEYOND) * (tested - 1):
-        return ""
+    most, tested = (1 + use * (content["inputs"]["c1"] - 1) for use in (used, known))
     return (
         f"The skin stretches up to about {most:.3g}, and the fabric was tested up to {tested:.3g}: "
         "what is told beyond is eq. (1) and no test. Test the fabric further (toros fit), or take "
@@ -97,12 +94,8 @@ def beyond_tests(content: Mapping[str, Any]) -> str:
     )
 
 
-def inputs_of(content: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the inputs in a summary, empty without."""
-    return content.get("inputs") or {}
-
-
 def known_use(content: Mapping[str, Any]) -> float | None:
     """Return the part of the stretch bounds up to which the fabric was tested; None if unknown."""
-    tested, bound = (inputs_of(content).get(key) for key in ("tested_stretch", "c1"))
+    inputs = content.get("inputs") or {}
+    tested, bound = inputs.get("tested_stretch"), inputs.get("c1")
     return None if tested is None or bound is None else (tested - 1) / (bound - 1)
