@@ -72,10 +72,10 @@ height = {name: pattern.points[pattern.vertices_of(name), 2] for name in pattern
 deform = bend(np.radians(ANGLE), length, neutral=half_width)
 sheets = tf.Composite()  # fabric and printed TPU of docs/materials.md
 # The pressure is designed too. It starts where a plain tube of the same volume and area is longer
-# by 1.3 times the strain of the bend's outer side.
+# by 1.9 times the strain of the bend's outer side.
 radius = abs(2 * volume(whole.points, whole.triangles)) / whole.areas.sum()
 strain = np.radians(ANGLE) * 2 * half_width / length
-start, least = (tube_pressure(sheets, radius, k * strain) for k in (1.3, 1.1))
+start, least = (tube_pressure(sheets, radius, k * strain) for k in (1.9, 1.1))
 
 
 def angle_of(of: tf.meshes.Pattern, x: np.ndarray) -> float:

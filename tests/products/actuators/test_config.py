@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pytest
@@ -80,6 +80,20 @@ def test_designed_pressures() -> None:
     assert scene.pressures[1] == pytest.approx((least, 8e3), rel=1e-12)
     assert scene.updated(pressure=30e3).pressures[0] == pytest.approx(start, rel=1e-12)
     assert scene.updated(pressure=1e3).pressures == (1e3, (900.0, 1e3)), "less than it needs"
+
+
+@dataclass(frozen=True)
+class FromMore(BendScene):
+    START_STRAIN: ClassVar = 1.9
+
+
+@pytest.mark.parametrize(
+    ("angle", "factor"), [(60.0, 1.9), (120.0, 0.4 / np.radians(16)), (150.0, 1.3)]
+)
+def test_a_start_from_more_pressure_is_bounded_by_its_strain(angle: float, factor: float) -> None:
+    scene, sheet = FromMore.of(angle=angle, pressure=30e3), Composite()
+    start = tube_pressure(sheet, 0.01, factor * np.radians(angle) * 0.02 / 0.15)
+    assert scene.pressures[0] == pytest.approx(start, rel=1e-9)
 
 
 @dataclass(frozen=True)

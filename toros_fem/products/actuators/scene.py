@@ -50,6 +50,8 @@ LAYERS = ("print_height", "print_offset", "contact_distance")
 # Strain of the bare skin over what its target needs: at the pressure that a design starts from, and
 # at the least that it may take (docs/optimisation.md).
 START_STRAIN, LEAST_STRAIN = 1.3, 1.1
+# Where a design starts from more: this strain at most.
+MOST_START_STRAIN = 0.4
 # The least pressure over the given one, where that strain is not known, and at most.
 LEAST_PRESSURE, ROOM = 0.1, 0.9
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
@@ -279,6 +281,7 @@ class ActuatorScene(MeshedScene):
 
     DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
+    START_STRAIN: ClassVar[float] = START_STRAIN
     # Measured values of the metrics, which are drawn beside the curves.
     MEASURED: ClassVar[tuple[Measurement, ...]] = ()
     # Edge length of the mesh on which a trial is repeated, over that of the print's mesh.
@@ -349,8 +352,9 @@ class ActuatorScene(MeshedScene):
         if radius is None or not strain:
             return most, (LEAST_PRESSURE * most, most)
         sheet = self.material.composite
+        begin = max(START_STRAIN, min(self.START_STRAIN, MOST_START_STRAIN / strain))
         start, least = (
-            tube_pressure(sheet, radius, factor * strain) for factor in (START_STRAIN, LEAST_STRAIN)
+            tube_pressure(sheet, radius, factor * strain) for factor in (begin, LEAST_STRAIN)
         )
         return min(most, start), (min(ROOM * most, least), most)
 

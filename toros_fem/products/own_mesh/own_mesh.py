@@ -259,6 +259,9 @@ class OwnMeshScene(ActuatorScene):
     design: OwnDesigning = OwnDesigning()
 
     KIND: ClassVar = "own-mesh"
+    # A section that is not round resists the pressure too. From less, designs climb to the pressure
+    # too late, and end in traps with much print.
+    START_STRAIN: ClassVar = 1.9
     DESIGN_FILES: ClassVar = {**MESH, **TARGET, **SOURCE}
     SIMULATION_FILES: ClassVar = {**MESH, **TARGET, **FILES}
     EXAMPLE_FILES: ClassVar = {"mesh": "my.stl"}
