@@ -49,6 +49,7 @@ pictures:
 	$(FENICSX) env OMP_NUM_THREADS=1 python3 demos/three_field.py --coarse --overwrite
 	$(FENICSX) python3 docs/copy_pictures.py
 	$(FENICSX) python3 docs/make_gallery.py
+	$(FENICSX) env OMP_NUM_THREADS=1 python3 docs/run_notebook.py
 	$(FENICSX) env OMP_NUM_THREADS=1 python3 docs/draw_pictures.py
 
 env:
