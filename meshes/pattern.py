@@ -16,9 +16,9 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PanelError, PatternError, TorosError
 from toros_fem.base.validation import (
+    checked_floats,
     checked_names,
     is_number,
-    real_numbers,
     require_flag,
     shown,
     whole_numbers,
@@ -363,15 +363,22 @@ def keep_arrays(owner: Any, failure: type[TorosError], **kinds: tuple[type, int]
     Of each it is told whether it is float or int, and the length of its second axis, 0 without.
     """
     for name, (kind, width) in kinds.items():
-        required = f"(…, {width})" if width else "(…,)"
-        read = real_numbers if kind is float else whole_numbers
-        array = np.array(read(name, getattr(owner, name), f"of shape {required}", failure))
-        if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
-            raise failure(f"{name} has shape {array.shape}; it must be {required}.")
-        if not np.all(np.isfinite(array)):
-            row = int(np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(1))[0])
-            raise failure(f"{name}[{row}] = {array[row]} is not finite.")
-        object.__setattr__(owner, name, _fixed(array))
+        array = checked_array(name, getattr(owner, name), kind, width, failure)
+        object.__setattr__(owner, name, _fixed(np.array(array)))
+
+
+def checked_array(
+    name: str, values: Any, kind: type, width: int, failure: type[TorosError]
+) -> np.ndarray:
+    """Return an array of floats or ints, (n, width), or (n,) for 0, checked to be finite."""
+    what = f"of shape (…, {width})" if width else "of shape (…,)"
+    rest = (width,) if width else ()
+
+    def fits(shape: tuple[int, ...]) -> bool:
+        return len(shape) > 0 and shape[1:] == rest
+
+    array = checked_floats(name, values, what, fits, failure=failure)
+    return array if kind is float else whole_numbers(name, array, what, failure)
 
 
 def require_indices(failure: type[TorosError], **arrays: tuple[Ints, int]) -> None:

@@ -11,7 +11,7 @@ import shapely
 from scipy.sparse import csr_array
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import PanelError, PatternError
+from toros_fem.base.errors import PanelError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import (
     barycentric,
@@ -137,11 +137,6 @@ class Transfer:
         The mean over each panel is kept, and with equal panels the integral. No value leaves the
         range of the values on its panel.
         """
-        if values.shape != self.source.panel.shape:
-            raise PatternError(
-                f"values has shape {values.shape}; it must be {self.source.panel.shape}, one for "
-                "each triangle of the source."
-            )
         found = np.asarray(self.overlap @ values) / np.asarray(self.overlap.sum(axis=1))
         for name in self.target.panel_names:
             here, there = self.target.cells_of(name), self.source.cells_of(name)

@@ -27,7 +27,7 @@ from toros_fem.base.validation import (
     require_kind,
     require_positive,
 )
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, require_indices
 from toros_fem.meshes.surfaces.formats import NONE, Content, content_of
 from toros_fem.meshes.surfaces.repair import (
     DROPPED,
@@ -407,15 +407,11 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
     path = checked_path("path", path, ParameterError)
     require_kind("pattern", pattern, Pattern, "a Pattern")
     points, theirs = _mesh_in_space(path, DEFORMED_FORMATS)
-    if len(points) != len(pattern.points):
+    if len(points) != len(pattern.points) or len(theirs) != len(pattern.panel):
         raise ParameterError(
-            f"{path} has {len(points)} vertices; the skin has {len(pattern.points)}. Deform the "
-            "skin itself, and keep the order of its vertices."
-        )
-    if len(theirs) != len(pattern.panel):
-        raise ParameterError(
-            f"{path} has {len(theirs)} triangles; the skin has {len(pattern.panel)}. Deform the "
-            "skin itself, and do not remesh it."
+            f"{path} has {len(points)} vertices and {len(theirs)} triangles; the skin has "
+            f"{len(pattern.points)} and {len(pattern.panel)}. Deform the skin itself, keep the "
+            "order of its vertices, and do not remesh it."
         )
     both = np.concatenate([pattern.triangles, theirs])
     # The same triangle may begin at another corner.
@@ -441,10 +437,7 @@ def _mesh_in_space(path: Path, formats: str) -> tuple[Floats, Ints]:
     triangles = content.triangles
     if not len(triangles) or points.ndim != 2 or points.shape[1] != 3:
         raise ParameterError(f"{path} holds no triangles in space. Save the deformed surface.")
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise ParameterError(
-            f"{path} has a triangle at a vertex that is not there. Export it again."
-        )
+    require_indices(ParameterError, **{f"{path}, its triangles,": (triangles, len(points))})
     wrong = triangles[~np.isfinite(points[triangles]).all(axis=2)]
     if len(wrong):
         vertex = wrong.min()

@@ -13,9 +13,9 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import SurfaceError
 from toros_fem.base.mpi import on_root
-from toros_fem.base.validation import require_choice, require_kind, require_positive, whole_numbers
+from toros_fem.base.validation import require_choice, require_kind, require_positive
 from toros_fem.meshes.panels import arranged
-from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Pattern
+from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Pattern, checked_array, require_indices
 from toros_fem.meshes.surfaces.cut import (
     cones,
     crease_regions,
@@ -161,23 +161,15 @@ def _given(surface: Surface, edges: Edges, seams: Seams) -> Bools | None:
     if seams is None:
         own = between(edges, surface.parts) | _named(surface, edges, surface.seams)
         return own if own[edges.inner].any() else None
-    pairs = whole_numbers("seams", seams, "pairs of vertices (k, 2)", SurfaceError)
-    if pairs.size == 0:
+    if np.size(seams) == 0:
         return np.zeros(len(edges.ends), dtype=bool)
-    if pairs.ndim != 2 or pairs.shape[1] != 2:
-        raise SurfaceError(f"seams has shape {pairs.shape}; it must hold pairs of vertices (k, 2).")
-    return _named(surface, edges, pairs)
+    return _named(surface, edges, checked_array("seams", seams, int, 2, SurfaceError))
 
 
 def _named(surface: Surface, edges: Edges, pairs: Ints) -> Bools:
     """Return whether each edge is one of some pairs of vertices, (e,)."""
     size = len(surface.points)
-    wrong = np.flatnonzero(np.any((pairs < 0) | (pairs >= size), axis=1))
-    if len(wrong):
-        raise SurfaceError(
-            f"seams[{wrong[0]}] = {pairs[wrong[0]].tolist()} names no vertices; they lie in "
-            f"0 … {size - 1}."
-        )
+    require_indices(SurfaceError, seams=(pairs, size))
     keys, known = edge_keys(pairs, size), edge_keys(edges.ends, size)
     wrong = np.flatnonzero(~np.isin(keys, known))
     if len(wrong):

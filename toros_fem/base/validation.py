@@ -6,11 +6,12 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import UnionType
 from typing import Any
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError, TorosError
 
 # Longest text of a value in a message.
@@ -19,6 +20,8 @@ LONGEST = 60
 LONGEST_NAME = 200
 # Sizes between which numbers are, if they are not 0: squares and cubes of these do not overflow.
 SMALL, LARGE = 1e-60, 1e60
+# What names are given as: a lone text would be read letter by letter.
+NAMES = "names, as texts"
 # Whole numbers from here on have no type in NumPy.
 LARGEST = 2**63
 
@@ -106,22 +109,28 @@ def require_callable(name: str, value: Any, what: str) -> None:
     require_kind(name, value, Callable, what)  # type: ignore[arg-type]
 
 
-def require_names(name: str, values: Any) -> None:
-    """Check that names come as a list: a lone text would be read letter by letter."""
-    if isinstance(values, str):
-        raise ParameterError(f"{name} = {values!r} must be a list of names: [{values!r}].")
-    if not isinstance(values, list | tuple) or not all(isinstance(one, str) for one in values):
-        raise ParameterError(f"{name} = {shown(values)} must be a list of names, as texts.")
+def checked_list(
+    name: str,
+    values: Any,
+    kind: type | UnionType,
+    what: str,
+    failure: type[TorosError] = ParameterError,
+    *,
+    least: int = 0,
+) -> tuple[Any, ...]:
+    """Return a list as a tuple, checked to hold `least` values of a type, `what` in the plural."""
+    listed = isinstance(values, list | tuple) and len(values) >= least
+    if not listed or not all(isinstance(one, kind) for one in values):
+        raise failure(f"{name} = {shown(values)} must be a list of {what}.")
+    return tuple(values)
 
 
 def checked_names(
     name: str, values: Any, failure: type[TorosError] = ParameterError
 ) -> tuple[str, ...]:
     """Return names as a tuple, checked to be a list of texts, all different."""
-    listed = isinstance(values, list | tuple | np.ndarray)
-    if not listed or not all(isinstance(one, str) for one in values):
-        raise failure(f"{name} = {shown(values)} must be a list of names, as texts.")
-    names = tuple(map(str, values))
+    given = list(values) if isinstance(values, np.ndarray) else values
+    names = tuple(map(str, checked_list(name, given, str, NAMES, failure)))
     for one in names:
         if not one.isprintable() or len(one) > LONGEST_NAME:
             raise failure(
@@ -162,6 +171,17 @@ def checked_floats(
         where = np.argwhere(~np.isfinite(array))[0].tolist()
         place = f"[{', '.join(map(str, where))}]" if where else ""
         raise failure(f"{name}{place} = {array[tuple(where)]} is not finite; it must be {what}.")
+    return array
+
+
+def checked_bools(name: str, values: Any, what: str, shape: tuple[int, ...]) -> Bools:
+    """Return values as an array, checked to be True or False for each of `what`, of a shape."""
+    array = np.asarray(values)
+    if array.dtype != bool or array.shape != shape:
+        raise ParameterError(
+            f"{name} is {array.dtype} of shape {array.shape}; it must be True or False for each "
+            f"{what}, of shape {shape}."
+        )
     return array
 
 

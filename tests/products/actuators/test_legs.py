@@ -1,7 +1,5 @@
 """Legs of two panels: their angle, cross-sections, tips and supports."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -56,8 +54,6 @@ def test_cross_sections_of_a_leg(quarter: Pattern) -> None:
     assert np.array_equal(found.labels >= 0, inside)
     assert found.position_weights.sum() == pytest.approx(3 * 0.1)
     assert found.orientation_weights == pytest.approx(5 * (0.03 / quarter.size) ** 2)
-    with pytest.raises(errors.ParameterError, match=r"no vertex lies beyond root = 1.0 m"):
-        replace(LEG, root=1.0).labels(quarter, 5)
 
 
 def test_tips_are_the_ends_of_the_legs(robot: Pattern) -> None:

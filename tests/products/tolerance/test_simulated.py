@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base.errors import ParameterError
+from toros_fem.products.tolerance.of_run import by_size, write_tolerances
 from toros_fem.products.tolerance.result import Tolerances
-from toros_fem.products.tolerance.writing import by_size, write_tolerances
 
 KEYS = ("objective", "angle_deg", "length_ratio")
 QUANTITIES = (

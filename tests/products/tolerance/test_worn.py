@@ -7,7 +7,7 @@ from helpers.prints import MM, metres
 from helpers.scenes import square
 
 from toros_fem.meshes import Pattern
-from toros_fem.products.tolerance.worn import broken_lines, offset_print
+from toros_fem.products.tolerance.simulated import broken_lines, offset_print
 
 RESOLUTION = 0.03 * MM
 

@@ -9,7 +9,13 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import checked_names, require_kind, require_names, whole_numbers
+from toros_fem.base.validation import (
+    NAMES,
+    checked_list,
+    checked_names,
+    require_kind,
+    whole_numbers,
+)
 from toros_fem.measures.rotation import skew
 from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
@@ -69,7 +75,7 @@ def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) ->
     require_kind("panels", panels, Mapping, "a mapping from chambers to lists of panels")
     of_panel = np.full(len(pattern.panel_names), -1)
     for chamber, members in enumerate(panels.values()):
-        require_names(f"panels of chamber {chamber}", members)
+        checked_list(f"panels of chamber {chamber}", members, str, NAMES)
         for name in members:
             index = pattern.panel_index(name)
             if of_panel[index] >= 0:

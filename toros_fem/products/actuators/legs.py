@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, Factor, key
 from toros_fem.base.validation import require_between
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections, section_vertices
@@ -51,17 +50,8 @@ class Leg:
     root: float
 
     def labels(self, pattern: Pattern, count: int) -> Ints:
-        """Return the cross-section of each vertex of a pattern, (n,), of so many; −1 before `root`.
-
-        Raises:
-            ParameterError: No vertex lies beyond `root`.
-        """
+        """Return the cross-section of each vertex, (n,), of so many; −1 before `root`."""
         found = np.flatnonzero(pattern.points @ np.asarray(self.along) > self.root)
-        if len(found) == 0:
-            raise ParameterError(
-                f"no vertex lies beyond root = {self.root} m along {self.along!r}. Give a smaller "
-                "root, or another direction."
-            )
         return label_cross_sections(pattern, found, self.along, count, border=False)
 
     def sections(self, pattern: Pattern, weights: LegWeights) -> CrossSections:

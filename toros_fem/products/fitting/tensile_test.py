@@ -62,10 +62,11 @@ class TensileTest:
             raise ParameterError(f"all forces of specimen {self.specimen!r} are 0.")
         for kind, one in (("stretch", stretch), ("lateral stretch", self.lateral)):
             what = f"the {kind} of specimen {self.specimen!r}"
-            if one is not None and not one.min() > 0:
-                raise ParameterError(f"{what} reaches {one.min():.6g}; it is positive, 1 at rest.")
-            if one is not None and not np.ptp(one) > 0:
-                raise ParameterError(f"{what} is the same at all points.")
+            if one is not None and not (one.min() > 0 and np.ptp(one) > 0):
+                raise ParameterError(
+                    f"{what} is {one.min():.6g} to {one.max():.6g}; it is positive, 1 at rest, and "
+                    "not the same at all points."
+                )
         if self.lateral is not None and np.cov(stretch, self.lateral)[0, 1] > 0:
             raise ParameterError(
                 f"the lateral stretch of specimen {self.specimen!r} grows with the stretch: is its "

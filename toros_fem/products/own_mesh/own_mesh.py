@@ -311,13 +311,8 @@ class OwnMeshScene(ActuatorScene):
 
     @property
     def own_skin(self) -> OwnSkin:
-        """What the files hold.
-
-        Raises:
-            ParameterError: They are not read.
-        """
-        if self.read is None:
-            raise ParameterError("the mesh is not read yet: call with_files first.")
+        """What the files hold, after `with_files`."""
+        assert self.read is not None
         return self.read
 
     @property
