@@ -21,6 +21,7 @@ from toros_fem.base.files import MOST_BYTES
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     LONGEST_NAME,
+    checked_floats,
     checked_path,
     real_numbers,
     require_count,
@@ -74,14 +75,14 @@ def load(path: Path, failure: type[TorosError], formats: str) -> Content:
     """
     if not path.is_file():
         raise failure(f"there is no file {path}.")
-    if path.stat().st_size > MOST_BYTES["mesh"]:
-        raise failure(f"{path} is longer than {MOST_BYTES['mesh']} bytes. Save a coarser mesh.")
-    if path.stat().st_size == 0:
-        raise failure(f"{path} is empty. Save it again, as {formats}.")
+    size, most = path.stat().st_size, MOST_BYTES["mesh"]
+    if not 0 < size <= most:
+        what = f"is longer than {most} bytes. Save a coarser mesh" if size else "is empty"
+        raise failure(f"{path} {what}. Save it again, as {formats}.")
     printed = io.StringIO()
     try:
         with (
-            interrupted_after(SECONDS + SECONDS_PER_MEGABYTE * path.stat().st_size / 1e6),
+            interrupted_after(SECONDS + SECONDS_PER_MEGABYTE * size / 1e6),
             contextlib.redirect_stdout(printed),
             contextlib.redirect_stderr(printed),
             np.errstate(over="ignore", invalid="ignore"),
@@ -229,11 +230,11 @@ def _raw(path: Path) -> tuple[Floats, Ints, Ints, Ints, Content]:
     Lines may have their own vertices, at the places of the triangles' vertices.
     """
     content = load(path, SurfaceError, FORMATS)
-    points = real_numbers(f"points of {path}", content.points, "(n, 3)", SurfaceError)
-    if points.ndim == 2 and points.shape[1] == 2:
-        points = np.pad(points, ((0, 0), (0, 1)))
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise SurfaceError(f"{path} holds points of shape {points.shape}; a surface needs (n, 3).")
+    points = checked_floats(
+        f"points of {path}", content.points, "(n, 3)",
+        lambda shape: len(shape) == 2 and shape[1] in (2, 3), finite=False, failure=SurfaceError,
+    )  # fmt: skip
+    points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     if content.other:
         raise SurfaceError(
             f"{path} holds faces that are neither triangles nor quadrilaterals: "

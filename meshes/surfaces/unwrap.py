@@ -337,12 +337,14 @@ def lay_flat(
         raise ChartError("its cuts do not open it to a disc.")
     flat, used = _mapped(points[sewn], opened, method)
     corners = flat[opened]
-    _check_injective(flat, opened)
-    if np.isfinite(max_stretch):
+    fault = _overlap(flat, opened)
+    if not fault and np.isfinite(max_stretch):
         strain = strains(triangle_stretches(corners, points[triangles]))
         area = surface_areas(points, triangles)
         if area[strain > max_stretch].sum() > SPOTS * area.sum():
-            raise ChartError(f"its stretch of {strain.max():.2g} exceeds {max_stretch:g}.")
+            fault = f"its stretch of {strain.max():.2g} exceeds {max_stretch:g}."
+    if fault:
+        raise ChartError(fault)
     return Chart(corners, slits, used)
 
 
@@ -375,17 +377,17 @@ def _mapped(points: Floats, triangles: Ints, method: str) -> tuple[Floats, str]:
     return flat * np.sqrt(target / np.abs(flat_areas(flat[triangles]).sum())), used
 
 
-def _check_injective(flat: Floats, triangles: Ints) -> None:
-    """Check that a flat disc does not overlap itself.
+def _overlap(flat: Floats, triangles: Ints) -> str:
+    """Return how a flat disc overlaps itself, in a sentence; empty if it does not.
 
     A map of a disc that turns no triangle over is one-to-one if it is one-to-one on the border.
     """
     area = flat_areas(flat[triangles])
     if np.any(area <= 0):
-        raise ChartError(f"{np.sum(area <= 0)} of its {len(area)} triangles are turned over.")
+        return f"{np.sum(area <= 0)} of its {len(area)} triangles are turned over."
     thin = shapes(np.pad(flat, ((0, 0), (0, 1))), triangles) <= SLIVER
     if np.any(thin):
-        raise ChartError(
+        return (
             f"{thin.sum()} of its {len(area)} triangles are slivers, thinner than {SLIVER:g} of "
             "their longest edge."
         )
@@ -395,5 +397,5 @@ def _check_injective(flat: Floats, triangles: Ints) -> None:
     loop = [start]
     while (here := next_vertex[here]) != start:
         loop.append(here)
-    if not shapely.is_simple(shapely.linearrings(flat[loop])):
-        raise ChartError("its border overlaps itself.")
+    simple = shapely.is_simple(shapely.linearrings(flat[loop]))
+    return "" if simple else "its border overlaps itself."

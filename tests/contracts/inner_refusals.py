@@ -51,7 +51,6 @@ from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import regions_on
 from toros_fem.making.sheets.placement import nest
-from toros_fem.making.sheets.print_bodies import print_body
 from toros_fem.measures.alignment import AlignedObjective
 from toros_fem.measures.body_axis import body_axis
 from toros_fem.measures.cross_sections import (
@@ -300,7 +299,6 @@ BODIES: Table = {
     **each(rigid_box, {"size": (1, 0, 1)}, name="box"),
     **each(rigid_cylinder, {"axis": (0, 0, 0)}, {"length": 0}, name="rod", radius=1, length=1),
     "a body that is half free": lambda s: replace(CRATE, free=0.5),
-    "a body without a name": lambda s: replace(CRATE, name=""),
     "a body with a border": lambda s: replace(CRATE, triangles=CRATE.triangles[1:]),
     "a body's point is NaN": lambda s: replace(CRATE, points=changed(CRATE.points, 0, NAN)),
     "a flat body": lambda s: replace(CRATE, points=CRATE.points * [1, 1, 1e-7]),
@@ -569,9 +567,6 @@ MAKING: Table = {
     "1 region for 2 panels": lambda s: panel_drawings(pattern_of("finger"), [shapely.Polygon()]),
     "2 regions for 3 panels": lambda s: regions_on(s.pattern, [CAP] * 2, s.pattern),
     "regions on other panels": lambda s: regions_on(s.pattern, [CAP] * 3, tube()),
-    "a body of nothing": lambda s: print_body(shapely.Polygon(), 1e-3),
-    "a body of height 0": lambda s: print_body(CAP, 0),
-    "a body below its sheet": lambda s: print_body(CAP, 1e-3, -0.1),
     "a wall wider than the bed": lambda s: nest(
         {"cap": CAP, "wall": shapely.box(0, 0, 0.3, 0.2)}, (0.25, 0.21), gap=2e-3, margin=0.01
     ),

@@ -91,19 +91,17 @@ def read_archive(
             arrays = {name: file[name] for name in file.files}
         header, digest = (arrays.pop(name, np.zeros(0)).tobytes() for name in (HEADER, DIGEST))
         about: dict[str, Any] = dict(json.loads(header or b"{}"))
+    whole = _digest(header, arrays).encode() == digest and about.get("arrays") == _described(arrays)
+    fault = "" if whole else "is damaged: its content is not what was written"
     if about.get("is") != f"toros_fem {kind}":
-        raise failure(
-            f"{path} is another kind of file, or was written before format {FORMAT}. {remedy}"
+        fault = f"is another kind of file, or was written before format {FORMAT}"
+    elif about.get("format") != FORMAT:
+        fault = (
+            f"has format {about.get('format')}, written by toros_fem {about.get('toros_fem')}; "
+            f"this is {__version__} and reads format {FORMAT}. Read it with that version"
         )
-    if about.get("format") != FORMAT:
-        raise failure(
-            f"{path} has format {about.get('format')}, written by toros_fem "
-            f"{about.get('toros_fem')}; this is {__version__} and reads format {FORMAT}. Read "
-            f"it with that version. {remedy}"
-        )
-    written = about.get("arrays")
-    if _digest(header, arrays).encode() != digest or written != _described(arrays):
-        raise failure(f"{path} is damaged: its content is not what was written. {remedy}")
+    if fault:
+        raise failure(f"{path} {fault}. {remedy}")
     try:
         return make(Archive(kind, arrays, about["numbers"], about["toros_fem"]))
     except Exception as caught:

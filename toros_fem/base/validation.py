@@ -75,10 +75,11 @@ def require_finite(**values: Any) -> None:
     _require(values, math.isfinite, "finite number")
 
 
-def require_count(least: int, **values: Any) -> None:
-    """Check that each value is a whole number and at least `least`."""
-    bound = f"whole number, at least {least}"
-    _require(values, lambda one: one >= least, bound, whole=True)
+def require_count(least: int, *, at_most: float = math.inf, **values: Any) -> None:
+    """Check that each value is a whole number in [least, at_most]."""
+    bound = "" if math.isinf(at_most) else f" and at most {at_most}"
+    what = f"whole number, at least {least}{bound}"
+    _require(values, lambda one: least <= one <= at_most, what, whole=True)
 
 
 def require_choice(name: str, value: Any, choices: Sequence[str]) -> None:
@@ -126,19 +127,17 @@ def checked_list(
 
 
 def checked_names(
-    name: str, values: Any, failure: type[TorosError] = ParameterError
+    name: str, values: Any, failure: type[TorosError] = ParameterError, *, least: int = 0
 ) -> tuple[str, ...]:
-    """Return names as a tuple, checked to be a list of texts, all different."""
+    """Return names as a tuple, checked to be a list of `least` texts at least, all different."""
     given = list(values) if isinstance(values, np.ndarray) else values
-    names = tuple(map(str, checked_list(name, given, str, NAMES, failure)))
+    names = tuple(map(str, checked_list(name, given, str, NAMES, failure, least=least)))
     for one in names:
-        if not one.isprintable() or len(one) > LONGEST_NAME:
+        if not one.isprintable() or len(one) > LONGEST_NAME or names.count(one) > 1:
             raise failure(
-                f"{name} holds {shown(one)}; names are printable, of at most {LONGEST_NAME} "
-                "characters."
+                f"{name} holds {shown(one)}{' twice' if names.count(one) > 1 else ''}; names are "
+                f"printable, of at most {LONGEST_NAME} characters, and all different."
             )
-        if names.count(one) > 1:
-            raise failure(f"{name} holds {one!r} twice; each name must be different.")
     return names
 
 
@@ -231,14 +230,11 @@ def checked_axes(
     failure: type[TorosError] = ParameterError,
 ) -> tuple[int, ...]:
     """Return axes of planes as a tuple, checked to be a list of different, allowed ones."""
-    if not isinstance(values, list | tuple | np.ndarray) or np.ndim(values) != 1:
-        raise failure(f"{name} = {shown(values)} must be a list of axes, () for none.")
-    for axis in values:
-        whole = isinstance(axis, int | np.integer) and not isinstance(axis, bool)
-        if not whole or axis not in allowed:
-            known = ", ".join(f"{one} for {'xyz'[one]} = 0" for one in allowed)
-            raise failure(f"{name} holds {shown(axis)}; it may hold {known}.")
-    axes = tuple(int(axis) for axis in values)
-    if len(set(axes)) < len(axes):
-        raise failure(f"{name} = {axes} names an axis twice; each may be given once.")
-    return axes
+    listed = isinstance(values, list | tuple | np.ndarray) and np.ndim(values) == 1
+    axes = [one for one in values if is_number(one) and one in allowed] if listed else []
+    if not listed or len(set(axes)) < len(values):
+        known = ", ".join(f"{one} for {'xyz'[one]} = 0" for one in allowed)
+        raise failure(
+            f"{name} = {shown(values)} must be a list of different axes, {known}; () for none."
+        )
+    return tuple(map(int, axes))

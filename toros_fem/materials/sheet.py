@@ -9,7 +9,11 @@ from typing import Annotated, Any
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import In, Length, Modulus, OneOf, Poisson, Stretch, Table, key
-from toros_fem.base.validation import is_number, require_between, require_positive, shown
+from toros_fem.base.validation import (
+    require_between,
+    require_finite,
+    require_positive,
+)
 
 # Modulus in Pa beyond that of any solid.
 STIFFEST = 1e13
@@ -173,8 +177,7 @@ class Knit:
 
 
 def _angle(name: str, grain: Any) -> float:
-    if not (is_number(grain) and math.isfinite(grain)):
-        raise ParameterError(f"grain of {name} = {shown(grain)} must be a finite angle in rad.")
+    require_finite(**{f"grain of {name}, in rad,": grain})
     return float(grain)
 
 

@@ -213,12 +213,10 @@ def values_of(words: str, keys: Mapping[str, Key]) -> tuple[str, list[object]]:
         raise ParameterError(f"{words!r}: a range needs numbers. Give a list with commas.", name)
     if one.kind is int and count is None:
         return name, _distinct(words, name, list(range(ends[0], ends[1] + 1)))
-    if count is None or int(count) < 2:
+    if count is None or not 2 <= int(count) <= MOST:
         raise ParameterError(
-            f"{words!r}: say how many values, at least 2, as in {name}={low}..{high}:5.", name
+            f"{words!r}: say how many values, 2 to {MOST}, as in {name}={low}..{high}:5.", name
         )
-    if int(count) > MOST:
-        raise ParameterError(f"{words!r}: {count} values are more than {MOST}.", name)
     steps = [one.kind(step) for step in np.linspace(float(ends[0]), float(ends[1]), int(count))]
     return name, _distinct(words, name, steps)
 

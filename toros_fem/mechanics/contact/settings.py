@@ -11,6 +11,7 @@ from toros_fem.base.validation import (
     checked_bools,
     checked_floats,
     checked_list,
+    checked_names,
     require_flag,
     require_kind,
     require_positive,
@@ -85,9 +86,7 @@ class Contact:
         object.__setattr__(self, "ground", checked_list("ground", grounds, Ground, what))
         what = "RigidBodies, by rigid_sphere for instance"
         object.__setattr__(self, "bodies", checked_list("bodies", self.bodies, RigidBody, what))
-        names = [body.name for body in self.bodies]
-        if len(set(names)) < len(names):
-            raise ParameterError(f"bodies are named {names}; each needs a name of its own.")
+        checked_names("names of bodies", [body.name for body in self.bodies])
         require_flag(self_contact=self.self_contact)
         names = ["friction", "thickness", "distance", "stiffness", "slip"]
         given = {name: getattr(self, name) for name in names}

@@ -40,11 +40,9 @@ class Chambers:
     of_cell: Ints
 
     def __post_init__(self) -> None:
-        names = checked_names("names", self.names)
+        names = checked_names("names", self.names, least=1)
         of_cell = whole_numbers("of_cell", self.of_cell, "one chamber for each triangle").copy()
         of_cell.setflags(write=False)
-        if not names:
-            raise ParameterError("names = () must name each chamber, and at least one.")
         last = len(names) - 1
         if of_cell.ndim != 1 or not np.array_equal(np.unique(of_cell), np.arange(last + 1)):
             found = np.unique(of_cell)

@@ -11,7 +11,7 @@ from dolfinx import fem
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import together
-from toros_fem.base.validation import real_numbers
+from toros_fem.base.validation import checked_floats
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite
@@ -43,9 +43,8 @@ def check_density(skin: Skin, density: Any) -> Floats:
 
 def _checked_density(skin: Skin, density: Any) -> Floats:
     owned = len(skin.owned_cells)
-    found = real_numbers("density", density, "one for each owned triangle", ParameterError)
-    if found.shape != (owned,):
-        raise ParameterError(f"density has shape {found.shape}; this rank owns {owned} triangles.")
+    what = "one for each owned triangle"
+    found = checked_floats("density", density, what, (owned,), finite=False)
     outside = ~((found >= 0) & (found <= 1))
     if outside.any():
         k = int(np.flatnonzero(outside)[0])

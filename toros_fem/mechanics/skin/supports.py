@@ -13,11 +13,11 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     NAMES,
-    checked_axes,
     checked_bools,
     checked_floats,
     checked_list,
     require_callable,
+    require_count,
     require_finite,
     require_kind,
     whole_numbers,
@@ -260,7 +260,7 @@ def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
     of a section of a skin that repeats. No free edge in the plane is a ParameterError.
     """
     fixed = _none_fixed(pattern)
-    (axis,) = checked_axes("axis", [axis])
+    require_count(0, at_most=2, axis=axis)
     require_finite(at=at)
     border = half_edges(pattern.triangles)[plane_border(pattern, axis, at)]
     fixed[border.ravel(), axis] = True
