@@ -58,31 +58,20 @@ class OtherMesh:
 
     def free_edges(self) -> Ints:
         """Return the free edge of the source on which each free edge lies, (k,)."""
-        before, after = (_FreeEdges.of(pattern) for pattern in (self.source, self.pattern))
-        return before.nearest(after)
-
-
-class _FreeEdges(NamedTuple):
-    """Free edges in the flat charts: panel and ends of each, in the order of `free_edges`."""
-
-    panel: Ints
-    ends: Floats
-
-    @classmethod
-    def of(cls, pattern: Pattern) -> _FreeEdges:
-        half = pattern.edges.twins[pattern.edges.border, 0]
-        ends = pattern.flat_points[half_edges(pattern.flat_triangles)[half]]
-        return cls(pattern.panel[half // 3], ends)
-
-    def nearest(self, others: _FreeEdges) -> Ints:
-        """Return the number of the edge of the same panel nearest to the middle of each other."""
-        found = np.full(len(others.panel), -1)
-        for panel in np.unique(others.panel):
-            here, there = np.flatnonzero(self.panel == panel), others.panel == panel
-            tree = shapely.STRtree(shapely.linestrings(self.ends[here]))
-            middles = others.ends[there].mean(axis=1)
-            found[there] = here[tree.nearest(shapely.points(middles))]
+        (panel, ends), (others, of_others) = map(_flat_free_edges, (self.source, self.pattern))
+        found, middles = np.full(len(others), -1), of_others.mean(axis=1)
+        for number in np.unique(others):
+            here, there = np.flatnonzero(panel == number), others == number
+            tree = shapely.STRtree(shapely.linestrings(ends[here]))
+            found[there] = here[tree.nearest(shapely.points(middles[there]))]
         return found
+
+
+def _flat_free_edges(pattern: Pattern) -> tuple[Ints, Floats]:
+    """Return panel and flat ends of each free edge, (k,) and (k, 2, 2)."""
+    half = pattern.edges.twins[pattern.edges.border, 0]
+    ends = pattern.flat_points[half_edges(pattern.flat_triangles)[half]]
+    return pattern.panel[half // 3], ends
 
 
 def refine(pattern: Pattern) -> OtherMesh:
