@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from toros_fem.making.packages import required, template
+from toros_fem.base.packages import required, template
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.svg import Svg
 from toros_fem.making.sheets.layout import Manufacture, Sheet

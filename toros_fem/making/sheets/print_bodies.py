@@ -13,8 +13,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.packages import required
 from toros_fem.making.options import DEFAULT, ManufactureOptions
-from toros_fem.making.packages import required
 from toros_fem.making.panels.marks import cross_shapes
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import naming, replace_file
-from toros_fem.making.packages import required, template
+from toros_fem.base.packages import required, template
 from toros_fem.results.report import tables
 from toros_fem.results.report.scene import packed_scene
 from toros_fem.results.runs.files import FILES
