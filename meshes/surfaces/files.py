@@ -88,23 +88,22 @@ def load(path: Path, failure: type[TorosError], formats: str) -> Content:
             np.errstate(over="ignore", invalid="ignore"),
         ):
             return content_of(path)
-    except ImportError as error:
-        raise failure(
-            f"{path} cannot be read as a mesh, since Python lacks a package for its format "
-            f"({error}). Save it as {formats}, or install that package."
-        ) from error
-    except TimeoutError:
-        raise failure(
-            f"{path} cannot be read as a mesh in a reasonable time: it ends too early, or its "
-            f"counts are wrong. Save it again, as {formats}."
-        ) from None
     except (Exception, SystemExit) as error:
-        ours = type(error) is ValueError
-        kind = "" if ours else f"{type(error).__name__}: "
-        why = " ".join((printed.getvalue().strip() or f"{kind}{error}").split()).rstrip(".")
-        why = why if len(why) <= LONGEST else f"{why[:LONGEST]} …"
-        why = f": {why}" if ours else f" ({why})"
+        why = _why(error, printed.getvalue().strip())
         raise failure(f"{path} cannot be read as a mesh{why}. Save it as {formats}.") from error
+
+
+def _why(error: BaseException, printed: str) -> str:
+    """Return why a file is no mesh, in words after "cannot be read as a mesh"."""
+    if isinstance(error, ImportError):
+        return f", since Python lacks a package for its format ({error}): install that package"
+    if isinstance(error, TimeoutError):
+        return " in a reasonable time: it ends too early, or its counts are wrong"
+    ours = type(error) is ValueError
+    kind = "" if ours else f"{type(error).__name__}: "
+    why = " ".join((printed or f"{kind}{error}").split()).rstrip(".")
+    why = why if len(why) <= LONGEST else f"{why[:LONGEST]} …"
+    return f": {why}" if ours else f" ({why})"
 
 
 @contextlib.contextmanager

@@ -50,35 +50,33 @@ def _require(
     """Check that each value is a finite number, a whole one where asked for, that fits."""
     for name, value in values.items():
         number = is_number(value) and not (whole and isinstance(value, float | np.floating))
-        if not (number and math.isfinite(value) and fits(value)):
-            raise ParameterError(f"{name} = {shown(value)} must be a {what}.")
-        if value and not SMALL < abs(value) < LARGE:
-            raise ParameterError(
-                f"{name} = {shown(value)} must be 0, or between {SMALL:g} and {LARGE:g} in size."
-            )
+        fitting = number and math.isfinite(value) and fits(value)
+        if not fitting or (value and not SMALL < abs(value) < LARGE):
+            sized = f"0, or between {SMALL:g} and {LARGE:g} in size"
+            raise ParameterError(f"{name} = {shown(value)} must be {sized if fitting else what}.")
 
 
 def require_positive(*, at_most: float = math.inf, **values: Any) -> None:
     """Check that each value is a finite number in (0, at_most]."""
     bound = "" if math.isinf(at_most) else f" and at most {at_most:.6g}"
-    _require(values, lambda one: 0 < one <= at_most, f"finite number greater than 0{bound}")
+    _require(values, lambda one: 0 < one <= at_most, f"a finite number greater than 0{bound}")
 
 
 def require_between(low: float, high: float, **values: Any) -> None:
     """Check that each value is a finite number in [low, high]."""
     bound = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
-    _require(values, lambda one: low <= one <= high, f"finite number, {bound}")
+    _require(values, lambda one: low <= one <= high, f"a finite number, {bound}")
 
 
 def require_finite(**values: Any) -> None:
     """Check that each value is a finite number."""
-    _require(values, math.isfinite, "finite number")
+    _require(values, math.isfinite, "a finite number")
 
 
 def require_count(least: int, *, at_most: float = math.inf, **values: Any) -> None:
     """Check that each value is a whole number in [least, at_most]."""
     bound = "" if math.isinf(at_most) else f" and at most {at_most}"
-    what = f"whole number, at least {least}{bound}"
+    what = f"a whole number, at least {least}{bound}"
     _require(values, lambda one: least <= one <= at_most, what, whole=True)
 
 

@@ -127,7 +127,7 @@ def _sheet(sheet: Sheet, options: ManufactureOptions) -> dict[str, Any]:
 def _panel(one: PanelDrawing, options: ManufactureOptions) -> dict[str, Any]:
     return {
         "name": one.name,
-        "cut_size_mm": _size_of_cut(one),
+        "cut_size_mm": _mm(np.ptp(np.reshape(one.cut.bounds, (2, 2)), axis=0)),
         "area_mm2": 1e6 * float(one.outline.area),
         "cut_area_mm2": 1e6 * float(one.cut.area),
         "seams": sorted({seam.number for seam in one.seams}),
@@ -159,10 +159,6 @@ def _print(drawings: Sequence[PanelDrawing], options: ManufactureOptions) -> dic
         "print_volume_mm3": 1e9 * volume,
         "print_mass_g": 1e3 * volume * options.print_density,
     }
-
-
-def _size_of_cut(one: PanelDrawing) -> list[float]:
-    return _mm(np.ptp(np.reshape(one.cut.bounds, (2, 2)), axis=0))
 
 
 def _mm(lengths: Iterable[float]) -> list[float]:

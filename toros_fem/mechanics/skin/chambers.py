@@ -71,17 +71,17 @@ def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) ->
         PanelError: A panel of that name does not exist.
     """
     require_kind("panels", panels, Mapping, "a mapping from chambers to lists of panels")
-    of_panel = np.full(len(pattern.panel_names), -1)
+    of_panel, times = np.zeros((2, len(pattern.panel_names)), dtype=np.int64)
     for chamber, members in enumerate(panels.values()):
         checked_list(f"panels of chamber {chamber}", members, str, NAMES)
         for name in members:
-            index = pattern.panel_index(name)
-            if of_panel[index] >= 0:
-                raise ParameterError(f"panel {name!r} is given twice; it bounds one chamber only.")
-            of_panel[index] = chamber
-    if (of_panel < 0).any():
-        name = pattern.panel_names[int(np.argmin(of_panel))]
-        raise ParameterError(f"panel {name!r} belongs to no chamber; give it to one.")
+            of_panel[pattern.panel_index(name)] = chamber
+            times[pattern.panel_index(name)] += 1
+    if (times != 1).any():
+        k = int(np.argmax(times != 1))
+        raise ParameterError(
+            f"panel {pattern.panel_names[k]!r} is given {times[k]} times; it bounds one chamber."
+        )
     return Chambers(tuple(panels), of_panel[pattern.panel])
 
 
