@@ -50,8 +50,7 @@ from toros_fem.products.tiles.stiffness_profile import (
     ProfileTarget,
 )
 from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.tube import SectionTubeScene, plain_tube
-from toros_fem.products.walker.gait import Gait
+from toros_fem.products.tubes.tube import SectionTubeScene
 
 ALONE = MPI.COMM_SELF
 
@@ -156,13 +155,9 @@ def _simulated(s: Scene, files: dict[str, Path], **changes: Any) -> object:
 
 ACTUATORS: Table = {
     **each(_half, {"knit_ratio": 3.0, "grain_angle": 30.0}, {"twisted": 1.0}),
-    "a quarter of a tube with hinges": lambda s: plain_tube(
-        ALONE, BendScene().skin, (0, 1), seams="hinged"
-    ),
     "an orientation of -1 m": lambda s: BendScene.of(orientation_length=-1.0),
     "a simulation without pressure": lambda s: _simulated(s, {}, pressure=0.0),
     "a simulation of no print": lambda s: _simulated(s, {"pattern": s.folder / "nothing.npz"}),
-    "phases of two legs for one": lambda s: Gait(("one",), np.zeros((2, 2)), 1),
     "a gripper of a short stem": lambda s: GripperScene.of(stem_length=0.01),
     "a gripper of a speck": lambda s: _gripped(GripperScene.of(size=1e-3)),
 }

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError, RunStoppedError, TorosError
+from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.files import guarded, if_plotting, require_unused, write_table
 from toros_fem.base.keys import Key, nearest, plain_value
 from toros_fem.base.mpi import on_first_rank
@@ -130,8 +130,6 @@ def _run(comm: MPI.Comm, trial: Trial, command: str) -> None:
             how = {"resume": state == "stopped", "overwrite": state == "another"}
             run_scene(comm, trial.scene, command, folder, every=EVERY, verbose=False, **how)
         trial.summary = on_first_rank(comm, lambda: summary_of(folder))
-    except RunStoppedError:
-        raise
     except TorosError as caught:
         trial.failure = str(caught)
         log.warning("%s: %s", folder.name, caught)

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.keys import Count, Factor, key
-from toros_fem.base.validation import require_between
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections, section_vertices
 from toros_fem.measures.metrics import Metric, turn_angle
 from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
@@ -67,12 +66,9 @@ class Leg:
         """Return the angle in degrees by which the outer part has turned.
 
         It is the `measures.turn_angle` of all vertices of that part, after the cross-sections that
-        come before it. The part should be one that the target leaves straight.
-
-        Raises:
-            ParameterError: The outer part is not 1 to 11 twelfths of the leg, `outer_count`.
+        come before it. The part, `outer_count` twelfths of the leg, should be one that the target
+        leaves straight.
         """
-        require_between(1, CROSS_SECTIONS - 1, outer_count=outer_count)
 
         def measure(pattern: Pattern, positions: Floats) -> float:
             labels, first_outer = self.labels(pattern, CROSS_SECTIONS), CROSS_SECTIONS - outer_count
