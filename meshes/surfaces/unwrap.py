@@ -70,18 +70,9 @@ class ChartError(Exception):
     """A region cannot be laid flat as one panel; dividing it may help."""
 
 
-@dataclass(frozen=True, eq=False)
-class Chart:
-    """A region laid flat by a method: flat corners of each triangle, (t, 3, 2), in m.
-
-    Slits are where it was cut from corner i to i + 1 of each triangle to become a disc, (t, 3).
-    """
-
-    corners: Floats
-    slits: Bools
-    method: str
-
-
+Chart = tuple[Floats, Bools, str]
+"""A region laid flat: flat corners of each triangle, (t, 3, 2), in m; where it was cut from corner
+i to i + 1 of each triangle to become a disc, (t, 3); and the method."""
 Panels = list[tuple[Ints, Chart]]
 """Triangles of the surface in each panel, and the panel laid flat."""
 
@@ -186,12 +177,12 @@ def _unwrapped(
 ) -> Unwrapped:
     panels = _flat_panels(surface, edges, cuts, method, max_stretch, tips=tips)
     label, seams = _labels(surface, panels), cuts.copy()
-    for cells, chart in panels:
-        seams[edges.of_triangle[cells][chart.slits]] = True
+    for cells, (_, slits, _) in panels:
+        seams[edges.of_triangle[cells][slits]] = True
     seams |= between(edges, label)
     flat_triangles, sewn = cut_open(surface.triangles, edges, seams)
     flat = np.zeros((len(sewn), 2))
-    placed = arranged([chart.corners.reshape(-1, 2) for _, chart in panels])
+    placed = arranged([corners.reshape(-1, 2) for _, (corners, _, _) in panels])
     for (cells, _), corners in zip(panels, placed, strict=True):
         flat[flat_triangles[cells].ravel()] = corners
     loose = Pattern(
@@ -209,7 +200,7 @@ def _unwrapped(
         pattern=pattern,
         distortion=Distortion(pattern),
         seams=edges.ends[seams & (edges.count == 2)],
-        methods=tuple(chart.method for _, chart in panels),
+        methods=tuple(method for _, (_, _, method) in panels),
     )
 
 
@@ -345,7 +336,7 @@ def lay_flat(
             fault = f"its stretch of {strain.max():.2g} exceeds {max_stretch:g}."
     if fault:
         raise ChartError(fault)
-    return Chart(corners, slits, used)
+    return corners, slits, used
 
 
 def _mapped(points: Floats, triangles: Ints, method: str) -> tuple[Floats, str]:

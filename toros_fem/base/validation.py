@@ -229,8 +229,9 @@ def checked_axes(
 ) -> tuple[int, ...]:
     """Return axes of planes as a tuple, checked to be a list of different, allowed ones."""
     listed = isinstance(values, list | tuple | np.ndarray) and np.ndim(values) == 1
-    axes = [one for one in values if is_number(one) and one in allowed] if listed else []
-    if not listed or len(set(axes)) < len(values):
+    kinds = (int, np.integer)
+    axes = [one for one in values if isinstance(one, kinds) and one in allowed] if listed else []
+    if not listed or len(set(axes)) < len(values) or any(isinstance(one, bool) for one in axes):
         known = ", ".join(f"{one} for {'xyz'[one]} = 0" for one in allowed)
         raise failure(
             f"{name} = {shown(values)} must be a list of different axes, {known}; () for none."
