@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import permutations, product
 
@@ -116,32 +116,22 @@ class Supports:
 
         Guided edges act where the sheet resists bending, not on a membrane.
         """
+        for fault in self._faults(pattern, bends=bends):
+            raise ParameterError(fault)
+
+    def _faults(self, pattern: Pattern, *, bends: bool) -> Iterator[str]:
+        """Yield why they do not hold a skin of a pattern, as sentences."""
         points = pattern.points
         if self.fixed.shape != points.shape:
-            raise ParameterError(
+            yield (
                 f"supports.fixed has shape {self.fixed.shape}; this skin needs {points.shape}. "
                 "Make the supports from its own pattern."
             )
-        self._check_guides(pattern)
-        motions = _rigid_motions(_arms(points, pattern.size))[self.fixed]
-        if bends:  # a guided edge does not let the sheet turn about it
-            along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
-            guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
-            motions = np.concatenate([motions, guides])
-        rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
-        if rank < 6:
-            raise ParameterError(
-                f"the supports fix {self.fixed.sum()} components and leave {6 - rank} of the 6 "
-                "rigid motions free, so that the skin could float away. Fix more components."
-            )
-
-    def _check_guides(self, pattern: Pattern) -> None:
-        points = pattern.points
         free, guided = (edge_keys(e, len(points)) for e in (pattern.free_edges, self.guided))
         inside = ~np.isin(guided, free)
         if inside.any():
             a, b = self.guided[np.flatnonzero(inside)[0]]
-            raise ParameterError(
+            yield (
                 f"guided contains the edge between vertices {a} and {b}, which is no free edge of "
                 "this pattern. Inside the skin fix vertices on both sides of the edge instead."
             )
@@ -151,10 +141,20 @@ class Supports:
         askew = ~(square & (lengths > 0))
         if askew.any():
             k = int(np.flatnonzero(askew)[0])
-            raise ParameterError(
+            yield (
                 f"the normal {self.normals[k]} of the guided edge between vertices "
                 f"{self.guided[k, 0]} and {self.guided[k, 1]} is not perpendicular to it: the "
                 "plane that mirrors the sheet there must go through the edge."
+            )
+        motions = _rigid_motions(_arms(points, pattern.size))[self.fixed]
+        if bends:  # a guided edge does not let the sheet turn about it
+            guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
+            motions = np.concatenate([motions, guides])
+        rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
+        if rank < 6:
+            yield (
+                f"the supports fix {self.fixed.sum()} components and leave {6 - rank} of the 6 "
+                "rigid motions free, so that the skin could float away. Fix more components."
             )
 
 
