@@ -117,14 +117,9 @@ def read_tensile_tests(
     return [test for path in files for test in _tests(path, given or Given())]
 
 
-class _Point(NamedTuple):
-    """A row: specimen and direction, stress per width in N/m; NaN where nothing was measured."""
-
-    test: tuple[str, str]
-    stretch: float
-    stress: float
-    thickness: float
-    lateral: float
+_Point = tuple[tuple[str, str], float, float, float, float]
+"""A row: specimen and direction, stretch, stress per width in N/m, thickness, and lateral stretch,
+NaN where it was not measured."""
 
 
 class _Table(NamedTuple):
@@ -154,7 +149,7 @@ def _tests_of(table: _Table, given: Given) -> list[TensileTest]:
     points, remarks, doubts = _points(table, given)
     lines_of: dict[tuple[str, str], list[int]] = {}
     for line, point in points.items():
-        lines_of.setdefault(point.test, []).append(line)
+        lines_of.setdefault(point[0], []).append(line)
     found = []
     for test, lines in lines_of.items():
         stretch, stress, heights, lateral = np.array([points[line][1:] for line in lines]).T
@@ -526,4 +521,4 @@ def _point(row: Mapping[str, Any], columns: Mapping[int, Column]) -> _Point:
                 '--unit "strain=%".'
             )
     test = row["specimen"], row["direction"].lower()
-    return _Point(test, told["stretch"], told["force"], thickness, told["lateral stretch"])
+    return test, told["stretch"], told["force"], thickness, told["lateral stretch"]
