@@ -9,11 +9,7 @@ from typing import Annotated, Any
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import In, Length, Modulus, OneOf, Poisson, Stretch, Table, key
-from toros_fem.base.validation import (
-    require_between,
-    require_finite,
-    require_positive,
-)
+from toros_fem.base.validation import is_number, require_between, require_positive, shown
 
 # Modulus in Pa beyond that of any solid.
 STIFFEST = 1e13
@@ -177,7 +173,8 @@ class Knit:
 
 
 def _angle(name: str, grain: Any) -> float:
-    require_finite(**{f"grain of {name}, in rad,": grain})
+    if not (is_number(grain) and math.isfinite(grain)):
+        raise ParameterError(f"grain of {name} = {shown(grain)} must be a finite angle in rad.")
     return float(grain)
 
 
