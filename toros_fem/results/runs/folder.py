@@ -321,15 +321,14 @@ def _require_room(folder: Path, *, overwrite: bool) -> bool:
     left, state = _whole(folder) - {NAME}, folder / STATE
     if not left or (left == {STATE} and not state.is_symlink() and not _whole(state)):
         return True
-    if not overwrite:
-        again = ", or replace its run by --overwrite" if (state / RECORD).exists() else ""
+    held = (state / RECORD).is_file() and not (state / RECORD).is_symlink()
+    if not (overwrite and held):
+        what = "is not empty"
+        if overwrite:
+            what = f"holds no run that could be overwritten: {state / RECORD} is missing"
+        other = "replace its run by --overwrite" if held and not overwrite else "empty this one"
         raise OutputError(
-            f"{folder} is not empty. Choose another folder{again}; nothing was done to its files."
-        )
-    if not (state / RECORD).is_file() or (state / RECORD).is_symlink():
-        raise OutputError(
-            f"{folder} holds no run that could be overwritten: {state / RECORD} is missing. Choose "
-            "another folder, or empty this one; nothing was done to its files."
+            f"{folder} {what}. Choose another folder, or {other}; nothing was done to its files."
         )
     _read_record(folder)
     return False
