@@ -29,7 +29,7 @@ from toros_fem.mechanics.paths.pull_out import largest_force, pull_out
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.meshes import curl, finger, plane_centroids
 from toros_fem.products.actuators.legs import Leg, LegWeights
-from toros_fem.products.gripper.lift import LiftShape, write_lift
+from toros_fem.products.gripper.lift import write_lift
 
 parser = argparse.ArgumentParser(description="Design a gripper, and let it lift a sphere.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh")
@@ -121,7 +121,7 @@ at = made.projected, made.equilibrium.pressure, limit * np.linspace(0.0, 1.0, 9)
 pull = list(pull_out(solver, *at, made.equilibrium))
 end = next((point for point in pull if point.force >= MASS * GRAVITY / parts), pull[-1])
 closed, lifted = (problem.whole.at_vertices(one.positions) for one in (pull[0], end))
-shapes = [LiftShape("closed", closed, 0.0, 0.0), LiftShape("lifted", lifted, end.depth, 0.05)]
+shapes = [("closed", closed, 0.0, 0.0), ("lifted", lifted, end.depth, 0.05)]
 rows = [(problem.whole.at_cells(problem.skin.gather_cells(at[0])), shapes)]
 grams = 1e3 * parts / GRAVITY * largest_force(pull, limit)
 told = f"The fingers bear {grams:.0f} g at {at[1]:.0f} Pa"

@@ -62,14 +62,6 @@ class EnergyTerm:
 
 
 @dataclass(frozen=True)
-class LoadForms:
-    """Potential of a term that is a load, in J, and its first variation, in N."""
-
-    potential: Any
-    variation: Any
-
-
-@dataclass(frozen=True)
 class SkinForms:
     """UFL forms of one skin.
 
@@ -80,14 +72,15 @@ class SkinForms:
             triangle of its element matrix, row by row, as a linear form on piecewise constants.
         sensitivities: ∂(residual · adjoint) by each coefficient of the design, as linear forms on
             their spaces, in J.
-        loads: Forms of the terms that are loads, by their number.
+        loads: Potential of each term that is a load, in J, and its first variation, in N, by the
+            term's number.
     """
 
     energy: Any
     residual: Any
     tangent: Any
     sensitivities: Sequence[Any]
-    loads: Mapping[int, LoadForms]
+    loads: Mapping[int, tuple[Any, Any]]
 
 
 def skin_forms(
@@ -150,7 +143,7 @@ def skin_forms(
             for by in designed
         ],
         loads={
-            number: LoadForms(load.value * dx, _first(load, variation) * dx)
+            number: (load.value * dx, _first(load, variation) * dx)
             for number, load in loads.items()
         },
     )

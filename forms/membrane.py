@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import ufl
@@ -75,34 +74,24 @@ def plain_log(y: Any) -> Any:
     return ufl.ln(1 + y)
 
 
-@dataclass(frozen=True)
-class TensionField:
-    """State of a sheet in tension-field theory (Pipkin 1986, Steigmann 1990), on one triangle.
+def tension_field(e: Strain, mu: Any, lam: Any, c1: Any, c2: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the state of a triangle in tension-field theory (Pipkin 1986, Steigmann 1990).
 
-    λ₁ ≥ λ₂ are the principal stretches. Where λ₁ ≤ 1 the sheet is slack. Elsewhere w(λ₁) is the
-    natural width, at which the stress across λ₁ vanishes; where λ₂ < w the sheet is wrinkled.
+    The energy is eq. (1), the arguments are of `barrier`. λ₁ ≥ λ₂ are the principal stretches.
+    Where λ₁ ≤ 1 the sheet is slack. Elsewhere w(λ₁) is the natural width, at which the stress
+    across λ₁ vanishes; where λ₂ < w the sheet is wrinkled.
 
-    Attributes:
-        taut, wrinkled: Conditions; where neither holds the sheet is slack.
-        x: λ₁ − 1, but 0 where the sheet is slack.
-        y: 1 − w(λ₁).
+    Returns:
+        Whether it is taut, and whether it is wrinkled, as conditions; λ₁ − 1, but 0 where the
+        sheet is slack; and 1 − w(λ₁).
     """
-
-    taut: Any
-    wrinkled: Any
-    x: Any
-    y: Any
-
-
-def tension_field(e: Strain, mu: Any, lam: Any, c1: Any, c2: Any) -> TensionField:
-    """Return the state of a sheet with the energy of eq. (1); the arguments are of `barrier`."""
     difference = ufl.sqrt(ufl.conditional(ufl.gt(e.square, 0), e.square, EQUAL))
     x = (e.total + difference) / 2
     tension = ufl.gt(x, 0)
     x = ufl.conditional(tension, x, 0.0)
     y = natural_narrowing(x, mu, lam, c1, c2)
     wide = ufl.gt((e.total - difference) / 2, -y)
-    return TensionField(ufl.And(tension, wide), ufl.And(tension, ufl.Not(wide)), x, y)
+    return ufl.And(tension, wide), ufl.And(tension, ufl.Not(wide)), x, y
 
 
 def relaxed(
@@ -119,13 +108,12 @@ def relaxed(
     It is (1 − r) ψ where the sheet is taut, (1 − r) ψ(λ₁, w(λ₁)) where it is wrinkled, and
     everywhere r times `quadratic`: the fraction of the stiffness that remains against compression.
     """
-    state = tension_field(e, mu, lam, c1, c2)
-    a, b = (c1 - 1) ** 2, (c2 - 1) ** 2
-    x, y, z = state.x, state.y, state.x - state.y
+    taut, wrinkled, x, y = tension_field(e, mu, lam, c1, c2)
+    a, b, z = (c1 - 1) ** 2, (c2 - 1) ** 2, x - y
     one_way = -mu * a * (log(-(x**2) / a) + log(-(y**2) / a))
     one_way -= lam / 2 * b * log(-(z**2) / b)
-    loose = ufl.conditional(state.wrinkled, one_way, 0.0)
-    psi = ufl.conditional(state.taut, barrier(e, mu, lam, c1, c2, log), loose)
+    loose = ufl.conditional(wrinkled, one_way, 0.0)
+    psi = ufl.conditional(taut, barrier(e, mu, lam, c1, c2, log), loose)
     return (1 - residual) * psi + residual * quadratic(e, mu, lam)
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -16,9 +17,9 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PanelError, PatternError, TorosError
 from toros_fem.base.validation import (
+    checked_floats,
     checked_names,
     is_number,
-    real_numbers,
     require_flag,
     shown,
     whole_numbers,
@@ -100,8 +101,8 @@ class Pattern:
         names = checked_names("panel_names", self.panel_names, PatternError)
         object.__setattr__(self, "panel_names", names)
         require_flag(moulded=self.moulded)
-        self._check_sizes()
-        self._check_triangles()
+        for fault in chain(self._faults_of_sizes(), self._faults_of_triangles()):
+            raise fault
         remedy = "Mirror one of their panels, or reverse a seam."
         require_manifold(self.points, self.triangles, self.edges, remedy)
         self._check_seams()
@@ -281,42 +282,42 @@ class Pattern:
                 "for each panel, an empty polygon where nothing is printed."
             )
 
-    def _check_sizes(self) -> None:
+    def _faults_of_sizes(self) -> Iterator[PatternError]:
         m, t, n = len(self.flat_points), len(self.flat_triangles), len(self.points)
         if t == 0:
-            raise PatternError("the pattern has no triangle.")
+            yield PatternError("the pattern has no triangle.")
         if len(self.panel) != t:
-            raise PatternError(f"panel has {len(self.panel)} entries for {t} triangles.")
+            yield PatternError(f"panel has {len(self.panel)} entries for {t} triangles.")
         if len(self.sewn) != m:
-            raise PatternError(f"sewn has {len(self.sewn)} entries for {m} flat points.")
+            yield PatternError(f"sewn has {len(self.sewn)} entries for {m} flat points.")
         require_indices(
             PatternError, flat_triangles=(self.flat_triangles, m), sewn=(self.sewn, n),
             panel=(self.panel, len(self.panel_names)),
         )  # fmt: skip
         for index, name in enumerate(self.panel_names):
             if not np.any(self.panel == index):
-                raise PanelError(f"panel {index} ({name!r}) has no triangle.")
+                yield PanelError(f"panel {index} ({name!r}) has no triangle.")
         if np.any(self.panel_of_point < 0):
             point = int(np.argmin(self.panel_of_point))
-            raise PatternError(f"flat point {point} belongs to no triangle.")
+            yield PatternError(f"flat point {point} belongs to no triangle.")
         found = self.panel_of_point[self.flat_triangles]
         shared = np.argwhere(found != self.panel[:, None])
         if len(shared):
             cell, corner = shared[0]
             low, high = sorted((self.panel[cell], found[cell, corner]))
-            raise PanelError(
+            yield PanelError(
                 f"flat point {self.flat_triangles[cell, corner]} is used by panels {low} and "
                 f"{high}. Give each panel its own flat points and sew them by `sewn`."
             )
         unused = np.setdiff1d(np.arange(n), self.sewn)
         if len(unused):
-            raise PatternError(f"assembled vertex {unused[0]} belongs to no flat point.")
+            yield PatternError(f"assembled vertex {unused[0]} belongs to no flat point.")
         if not (is_number(self.seam_tolerance) and 0 <= self.seam_tolerance < np.inf):
-            raise PatternError(
+            yield PatternError(
                 f"seam_tolerance = {shown(self.seam_tolerance)} must be a number, not negative."
             )
 
-    def _check_triangles(self) -> None:
+    def _faults_of_triangles(self) -> Iterator[PatternError]:
         def first(wrong: Bools) -> tuple[int, str]:
             k = int(np.argmax(wrong))
             return k, f"triangle {k} of panel {self.panel[k]} ({self.panel_names[self.panel[k]]!r})"
@@ -324,7 +325,7 @@ class Pattern:
         twice = np.any(self.triangles == np.roll(self.triangles, 1, axis=1), axis=1)
         if np.any(twice):
             k, name = first(twice)
-            raise PatternError(
+            yield PatternError(
                 f"{name} uses an assembled vertex twice: {self.triangles[k].tolist()}. Refine it, "
                 "or correct `sewn`."
             )
@@ -333,13 +334,13 @@ class Pattern:
         flat = np.abs(self.areas) * 2 <= MIN_HEIGHT_RATIO * longest**2
         if np.any(flat):
             k, name = first(flat)
-            raise PatternError(
+            yield PatternError(
                 f"{name} has a flat area of {self.areas[k]:.3g} m² on a longest edge of "
                 f"{longest[k]:.3g} m; its height must exceed {MIN_HEIGHT_RATIO:g} of that edge. "
                 "Remesh the panel."
             )
         if np.any(self.areas < 0):
-            raise PatternError(
+            yield PatternError(
                 f"{first(self.areas < 0)[1]} is clockwise on its panel; seen from outside the skin "
                 "all triangles must be counter-clockwise. Swap two corners."
             )
@@ -363,15 +364,22 @@ def keep_arrays(owner: Any, failure: type[TorosError], **kinds: tuple[type, int]
     Of each it is told whether it is float or int, and the length of its second axis, 0 without.
     """
     for name, (kind, width) in kinds.items():
-        required = f"(…, {width})" if width else "(…,)"
-        read = real_numbers if kind is float else whole_numbers
-        array = np.array(read(name, getattr(owner, name), f"of shape {required}", failure))
-        if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
-            raise failure(f"{name} has shape {array.shape}; it must be {required}.")
-        if not np.all(np.isfinite(array)):
-            row = int(np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(1))[0])
-            raise failure(f"{name}[{row}] = {array[row]} is not finite.")
-        object.__setattr__(owner, name, _fixed(array))
+        array = checked_array(name, getattr(owner, name), kind, width, failure)
+        object.__setattr__(owner, name, _fixed(np.array(array)))
+
+
+def checked_array(
+    name: str, values: Any, kind: type, width: int, failure: type[TorosError]
+) -> np.ndarray:
+    """Return an array of floats or ints, (n, width), or (n,) for 0, checked to be finite."""
+    what = f"of shape (…, {width})" if width else "of shape (…,)"
+    rest = (width,) if width else ()
+
+    def fits(shape: tuple[int, ...]) -> bool:
+        return len(shape) > 0 and shape[1:] == rest
+
+    array = checked_floats(name, values, what, fits, failure=failure)
+    return array if kind is float else whole_numbers(name, array, what, failure)
 
 
 def require_indices(failure: type[TorosError], **arrays: tuple[Ints, int]) -> None:

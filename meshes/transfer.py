@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import shapely
 from scipy.sparse import csr_array
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import PanelError, PatternError
+from toros_fem.base.errors import PanelError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import (
     barycentric,
@@ -58,31 +57,20 @@ class OtherMesh:
 
     def free_edges(self) -> Ints:
         """Return the free edge of the source on which each free edge lies, (k,)."""
-        before, after = (_FreeEdges.of(pattern) for pattern in (self.source, self.pattern))
-        return before.nearest(after)
-
-
-class _FreeEdges(NamedTuple):
-    """Free edges in the flat charts: panel and ends of each, in the order of `free_edges`."""
-
-    panel: Ints
-    ends: Floats
-
-    @classmethod
-    def of(cls, pattern: Pattern) -> _FreeEdges:
-        half = pattern.edges.twins[pattern.edges.border, 0]
-        ends = pattern.flat_points[half_edges(pattern.flat_triangles)[half]]
-        return cls(pattern.panel[half // 3], ends)
-
-    def nearest(self, others: _FreeEdges) -> Ints:
-        """Return the number of the edge of the same panel nearest to the middle of each other."""
-        found = np.full(len(others.panel), -1)
-        for panel in np.unique(others.panel):
-            here, there = np.flatnonzero(self.panel == panel), others.panel == panel
-            tree = shapely.STRtree(shapely.linestrings(self.ends[here]))
-            middles = others.ends[there].mean(axis=1)
-            found[there] = here[tree.nearest(shapely.points(middles))]
+        (panel, ends), (others, of_others) = map(_flat_free_edges, (self.source, self.pattern))
+        found, middles = np.full(len(others), -1), of_others.mean(axis=1)
+        for number in np.unique(others):
+            here, there = np.flatnonzero(panel == number), others == number
+            tree = shapely.STRtree(shapely.linestrings(ends[here]))
+            found[there] = here[tree.nearest(shapely.points(middles[there]))]
         return found
+
+
+def _flat_free_edges(pattern: Pattern) -> tuple[Ints, Floats]:
+    """Return panel and flat ends of each free edge, (k,) and (k, 2, 2)."""
+    half = pattern.edges.twins[pattern.edges.border, 0]
+    ends = pattern.flat_points[half_edges(pattern.flat_triangles)[half]]
+    return pattern.panel[half // 3], ends
 
 
 def refine(pattern: Pattern) -> OtherMesh:
@@ -137,11 +125,6 @@ class Transfer:
         The mean over each panel is kept, and with equal panels the integral. No value leaves the
         range of the values on its panel.
         """
-        if values.shape != self.source.panel.shape:
-            raise PatternError(
-                f"values has shape {values.shape}; it must be {self.source.panel.shape}, one for "
-                "each triangle of the source."
-            )
         found = np.asarray(self.overlap @ values) / np.asarray(self.overlap.sum(axis=1))
         for name in self.target.panel_names:
             here, there = self.target.cells_of(name), self.source.cells_of(name)

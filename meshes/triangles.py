@@ -180,17 +180,23 @@ def require_manifold(points: Floats, triangles: Ints, edges: Edges, remedy: str)
     The remedy is for neighbours that are oriented differently.
     """
     require_two_at_edges(points, edges)
+    for fault in _faults(points, triangles, edges, remedy):
+        raise PatternError(fault)
+
+
+def _faults(points: Floats, triangles: Ints, edges: Edges, remedy: str) -> Iterator[str]:
+    """Yield what keeps triangles, at most two at an edge, from forming a surface, as sentences."""
     wrong = clashing(triangles, edges)
     if len(wrong):
         (one, two), (a, b) = edges.sides[wrong[0]], half_edges(triangles)[edges.twins[wrong[0], 0]]
-        raise PatternError(
+        yield (
             f"triangles {one} and {two} pass their common edge {a}-{b} in the same direction. "
             f"{remedy}"
         )
     first = np.unique(fans(triangles, edges, edges.inner), return_index=True)[1]
     pinched = np.flatnonzero(np.bincount(triangles.ravel()[first]) > 1)
     if len(pinched):
-        raise PatternError(
+        yield (
             f"vertex {pinched[0]} at {points[pinched[0]]} m joins fans of triangles that share no "
             "edge there; the surface pinches to a point. Separate the fans."
         )

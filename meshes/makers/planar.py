@@ -14,7 +14,7 @@ from shapely.geometry.polygon import orient
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import OutlineError
-from toros_fem.base.validation import is_number, real_numbers, require_between, shown
+from toros_fem.base.validation import checked_floats, is_number, require_between, shown
 from toros_fem.meshes.makers.flat import polygon_mesh
 from toros_fem.meshes.triangles import coincident, cross, edges_of, require_affordable
 
@@ -45,10 +45,10 @@ def rounded(corners: npt.ArrayLike, radius: float | Sequence[float]) -> Floats:
         OutlineError: A radius is too large for the sides at its corner.
     """
     points = _checked(corners)
-    given = real_numbers("radius", radius, "one in m for all corners, or one for each")
-    radii = np.broadcast_to(given, len(points)) if given.ndim == 0 else given
-    if radii.shape != (len(points),):
-        raise OutlineError(f"{len(radii)} radii for {len(points)} corners; give one for each.")
+    count = (len(points),)
+    what = f"one in m for all corners, or one for each of {len(points)}"
+    given = checked_floats("radius", radius, what, lambda s: s in ((), count), failure=OutlineError)
+    radii = np.broadcast_to(given, count)
     require_between(0.0, np.inf, **{f"radius[{k}]": value for k, value in enumerate(radii)})
     after = np.roll(points, -1, axis=0) - points
     side, turn = np.linalg.norm(after, axis=1), _turns(points)
@@ -126,11 +126,10 @@ def region_mesh(
 
 def _checked(points: npt.ArrayLike) -> Floats:
     """Return the different points of an outline, (k, 2)."""
-    found = real_numbers("outline", points, "points (k, 2) in m", OutlineError)
-    if found.ndim != 2 or found.shape[1] != 2 or not np.all(np.isfinite(found)):
-        raise OutlineError(f"the outline has shape {found.shape}; it must be finite, (k, 2).")
-    if not len(found):
-        raise OutlineError("the outline has no points; it needs at least 3.")
+    found = checked_floats(
+        "outline", points, "at least 3 points (k, 2) in m",
+        lambda shape: len(shape) == 2 and shape[0] > 2 and shape[1] == 2, failure=OutlineError,
+    )  # fmt: skip
     gap = np.linalg.norm(found - np.roll(found, 1, axis=0), axis=1)
     found = found[gap > TINY * np.hypot(*np.ptp(found, axis=0))]
     if len(found) < 3:
@@ -177,9 +176,8 @@ def _snapped(shape: shapely.Geometry, planes: Sequence[int], size: float) -> sha
 
 def _line_across(whole: Polygon, number: int, line: Line, size: float) -> LineString:
     """Return a line extended a little beyond the outline, so that rounding cannot shorten it."""
-    ends = real_numbers(f"line {number}", line, "two points ((x, y), (x, y)) in m", OutlineError)
-    if ends.shape != (2, 2) or not np.all(np.isfinite(ends)):
-        raise OutlineError(f"line {number} = {line!r} must be two points ((x, y), (x, y)) in m.")
+    what = "two points ((x, y), (x, y)) in m"
+    ends = checked_floats(f"line {number}", line, what, (2, 2), failure=OutlineError)
     along = ends[1] - ends[0]
     along *= 1e-6 * size / max(float(np.hypot(*along)), 1e-6 * size)
     found = LineString([ends[0] - along, ends[1] + along])

@@ -13,7 +13,6 @@ from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_names,
-    real_numbers,
     require_callable,
     require_choice,
     require_positive,
@@ -28,7 +27,7 @@ from toros_fem.meshes.makers.flat import (
     sector,
     staggered,
 )
-from toros_fem.meshes.pattern import Panel, Pattern
+from toros_fem.meshes.pattern import Panel, Pattern, checked_array, require_indices
 from toros_fem.meshes.triangles import require_affordable
 
 SHEET, WALL, BASE, TIP = "sheet", "wall", "base", "tip"
@@ -230,17 +229,9 @@ def moulded(
     Points are (n, 3) in m, triangles (t, 3), counter-clockwise seen from outside. `panel`, (t,), is
     the number of the panel of each triangle, by which parts of the skin are named; None for one.
     """
-    places = real_numbers("points", points, "(n, 3), in m", PatternError)
-    corners = whole_numbers("triangles", triangles, "(t, 3)", PatternError)
-    if places.ndim != 2 or places.shape[1] != 3 or corners.ndim != 2 or corners.shape[1] != 3:
-        raise PatternError(
-            f"points and triangles have shapes {places.shape} and {corners.shape}; they must be "
-            "(n, 3) and (t, 3)."
-        )
-    if not np.isfinite(places).all():
-        raise PatternError("points must be finite, in m.")
-    if len(corners) == 0 or corners.min() < 0 or corners.max() >= len(places):
-        raise PatternError(f"triangles must hold corners among the {len(places)} points.")
+    places = checked_array("points", points, float, 3, PatternError)
+    corners = checked_array("triangles", triangles, int, 3, PatternError)
+    require_indices(PatternError, triangles=(corners, len(places)))
     a, b, c = np.moveaxis(places[corners], 1, 0)
     length = np.linalg.norm(b - a, axis=1)
     if not (length > 0).all():

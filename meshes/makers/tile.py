@@ -14,7 +14,6 @@ from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_floats,
-    real_numbers,
     require_choice,
     require_count,
     require_positive,
@@ -182,9 +181,8 @@ def tile(
     Raises:
         ParameterError: A length is too large, or tile or mesh cannot have the symmetry.
     """
-    sides = real_numbers("size", size, "one side of a square in m, or two (a, b)")
-    if sides.shape not in ((), (2,)):
-        raise ParameterError(f"size = {size!r} must be one side of a square in m, or two (a, b).")
+    what = "one side of a square in m, or two (a, b)"
+    sides = checked_floats("size", size, what, lambda shape: shape in ((), (2,)))
     sides = np.broadcast_to(sides, 2)
     require_positive(**{f"size[{k}]": side for k, side in enumerate(sides)})
     # Anything longer would be rounded to fewer edges along the shorter side.

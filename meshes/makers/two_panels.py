@@ -18,11 +18,11 @@ from toros_fem.base.errors import OutlineError
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_axes,
+    checked_list,
     require_count,
     require_finite,
     require_kind,
     require_positive,
-    shown,
 )
 from toros_fem.meshes.makers.planar import Line, arc, region_mesh, rounded
 from toros_fem.meshes.pattern import Pattern
@@ -61,8 +61,7 @@ def two_panels(
         OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
             the edge length.
     """
-    if not isinstance(lines, list | tuple):
-        raise OutlineError(f"lines = {shown(lines)} must be a list of lines, () for none.")
+    lines = checked_list("lines", lines, object, "lines, () for none", OutlineError)
     planes = checked_axes("planes", planes, (0, 1), OutlineError)
     flat, triangles, seam = region_mesh(outline, edge_length, lines, planes)
     count = len(flat)

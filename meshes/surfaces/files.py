@@ -21,13 +21,14 @@ from toros_fem.base.files import MOST_BYTES
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     LONGEST_NAME,
+    checked_floats,
     checked_path,
     real_numbers,
     require_count,
     require_kind,
     require_positive,
 )
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, require_indices
 from toros_fem.meshes.surfaces.formats import NONE, Content, content_of
 from toros_fem.meshes.surfaces.repair import (
     DROPPED,
@@ -74,36 +75,35 @@ def load(path: Path, failure: type[TorosError], formats: str) -> Content:
     """
     if not path.is_file():
         raise failure(f"there is no file {path}.")
-    if path.stat().st_size > MOST_BYTES["mesh"]:
-        raise failure(f"{path} is longer than {MOST_BYTES['mesh']} bytes. Save a coarser mesh.")
-    if path.stat().st_size == 0:
-        raise failure(f"{path} is empty. Save it again, as {formats}.")
+    size, most = path.stat().st_size, MOST_BYTES["mesh"]
+    if not 0 < size <= most:
+        what = f"is longer than {most} bytes. Save a coarser mesh" if size else "is empty"
+        raise failure(f"{path} {what}. Save it again, as {formats}.")
     printed = io.StringIO()
     try:
         with (
-            interrupted_after(SECONDS + SECONDS_PER_MEGABYTE * path.stat().st_size / 1e6),
+            interrupted_after(SECONDS + SECONDS_PER_MEGABYTE * size / 1e6),
             contextlib.redirect_stdout(printed),
             contextlib.redirect_stderr(printed),
             np.errstate(over="ignore", invalid="ignore"),
         ):
             return content_of(path)
-    except ImportError as error:
-        raise failure(
-            f"{path} cannot be read as a mesh, since Python lacks a package for its format "
-            f"({error}). Save it as {formats}, or install that package."
-        ) from error
-    except TimeoutError:
-        raise failure(
-            f"{path} cannot be read as a mesh in a reasonable time: it ends too early, or its "
-            f"counts are wrong. Save it again, as {formats}."
-        ) from None
     except (Exception, SystemExit) as error:
-        ours = type(error) is ValueError
-        kind = "" if ours else f"{type(error).__name__}: "
-        why = " ".join((printed.getvalue().strip() or f"{kind}{error}").split()).rstrip(".")
-        why = why if len(why) <= LONGEST else f"{why[:LONGEST]} …"
-        why = f": {why}" if ours else f" ({why})"
+        why = _why(error, printed.getvalue().strip())
         raise failure(f"{path} cannot be read as a mesh{why}. Save it as {formats}.") from error
+
+
+def _why(error: BaseException, printed: str) -> str:
+    """Return why a file is no mesh, in words after "cannot be read as a mesh"."""
+    if isinstance(error, ImportError):
+        return f", since Python lacks a package for its format ({error}): install that package"
+    if isinstance(error, TimeoutError):
+        return " in a reasonable time: it ends too early, or its counts are wrong"
+    ours = type(error) is ValueError
+    kind = "" if ours else f"{type(error).__name__}: "
+    why = " ".join((printed or f"{kind}{error}").split()).rstrip(".")
+    why = why if len(why) <= LONGEST else f"{why[:LONGEST]} …"
+    return f": {why}" if ours else f" ({why})"
 
 
 @contextlib.contextmanager
@@ -229,11 +229,11 @@ def _raw(path: Path) -> tuple[Floats, Ints, Ints, Ints, Content]:
     Lines may have their own vertices, at the places of the triangles' vertices.
     """
     content = load(path, SurfaceError, FORMATS)
-    points = real_numbers(f"points of {path}", content.points, "(n, 3)", SurfaceError)
-    if points.ndim == 2 and points.shape[1] == 2:
-        points = np.pad(points, ((0, 0), (0, 1)))
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise SurfaceError(f"{path} holds points of shape {points.shape}; a surface needs (n, 3).")
+    points = checked_floats(
+        f"points of {path}", content.points, "(n, 3)",
+        lambda shape: len(shape) == 2 and shape[1] in (2, 3), finite=False, failure=SurfaceError,
+    )  # fmt: skip
+    points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     if content.other:
         raise SurfaceError(
             f"{path} holds faces that are neither triangles nor quadrilaterals: "
@@ -407,15 +407,11 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
     path = checked_path("path", path, ParameterError)
     require_kind("pattern", pattern, Pattern, "a Pattern")
     points, theirs = _mesh_in_space(path, DEFORMED_FORMATS)
-    if len(points) != len(pattern.points):
+    if len(points) != len(pattern.points) or len(theirs) != len(pattern.panel):
         raise ParameterError(
-            f"{path} has {len(points)} vertices; the skin has {len(pattern.points)}. Deform the "
-            "skin itself, and keep the order of its vertices."
-        )
-    if len(theirs) != len(pattern.panel):
-        raise ParameterError(
-            f"{path} has {len(theirs)} triangles; the skin has {len(pattern.panel)}. Deform the "
-            "skin itself, and do not remesh it."
+            f"{path} has {len(points)} vertices and {len(theirs)} triangles; the skin has "
+            f"{len(pattern.points)} and {len(pattern.panel)}. Deform the skin itself, keep the "
+            "order of its vertices, and do not remesh it."
         )
     both = np.concatenate([pattern.triangles, theirs])
     # The same triangle may begin at another corner.
@@ -441,10 +437,7 @@ def _mesh_in_space(path: Path, formats: str) -> tuple[Floats, Ints]:
     triangles = content.triangles
     if not len(triangles) or points.ndim != 2 or points.shape[1] != 3:
         raise ParameterError(f"{path} holds no triangles in space. Save the deformed surface.")
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise ParameterError(
-            f"{path} has a triangle at a vertex that is not there. Export it again."
-        )
+    require_indices(ParameterError, **{f"{path}, its triangles,": (triangles, len(points))})
     wrong = triangles[~np.isfinite(points[triangles]).all(axis=2)]
     if len(wrong):
         vertex = wrong.min()

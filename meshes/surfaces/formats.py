@@ -156,11 +156,9 @@ def _obj(path: Path) -> Content:
         try:
             match word[0].lower():
                 case "v":
-                    values = [float(one) for one in word[1:]]
-                    if len(values) < 3:
-                        raise ValueError
-                    points.append(values[:3])
-                    weighted += len(values) == 4 and values[3] != 1
+                    x, y, z, *weight = map(float, word[1:])
+                    points.append([x, y, z])
+                    weighted += len(weight) == 1 and weight[0] != 1
                 case "f" | "fo":
                     ring = _corners(word, len(points))
                     if len(ring) in (3, 4):

@@ -117,16 +117,14 @@ def remeshed(
     except TorosError as error:
         why = f"it would be no surface: {str(error).removesuffix('.')}"
         raise _refusal(surface, edge_length, why) from error
-    if made.closed != surface.closed or euler(triangles) != euler(surface.triangles):
-        raise _refusal(surface, edge_length, "it would have other holes or handles")
+    other = made.closed != surface.closed or euler(triangles) != euler(surface.triangles)
     before = dihedral_angles(surface.points, surface.triangles, edges_of(surface.triangles)).max()
     after = dihedral_angles(points, triangles, edges_of(triangles)).max()
     bound = max(FOLDED, before + SHARPER)
-    if after > bound:
-        raise _refusal(
-            surface, edge_length, f"it would be folded by {np.degrees(after):.0f} degrees; the "
-            f"bound is {np.degrees(bound):.0f}"
-        )  # fmt: skip
+    if other or after > bound:
+        folded = f"{np.degrees(after):.0f} degrees; the bound is {np.degrees(bound):.0f}"
+        why = "have other holes or handles" if other else f"be folded by {folded}"
+        raise _refusal(surface, edge_length, f"it would {why}")
     return Remeshed(made, weights, distance)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -63,7 +64,8 @@ class Surface:
         if isinstance(names, tuple) and not names:
             names = tuple(f"part-{k}" for k in range(1 + int(self.parts.max(initial=0))))
         object.__setattr__(self, "part_names", checked_names("part_names", names, SurfaceError))
-        self._check_sizes()
+        for fault in self._faults():
+            raise fault
         remedy = "Reverse one of them; a surface with one side only cannot be sewn."
         require_manifold(self.points, self.triangles, edges_of(self.triangles), remedy)
         if self.closed and volume(self.points, self.triangles) <= 0:
@@ -87,31 +89,31 @@ class Surface:
         """Whether the surface has no border."""
         return len(edges_of(self.triangles).border) == 0
 
-    def _check_sizes(self) -> None:
+    def _faults(self) -> Iterator[SurfaceError | PatternError]:
         n = len(self.points)
         if len(self.triangles) == 0:
-            raise SurfaceError("the surface has no triangle.")
+            yield SurfaceError("the surface has no triangle.")
         if len(self.parts) != len(self.triangles):
-            raise SurfaceError(f"parts has {len(self.parts)} entries, not one for each triangle.")
+            yield SurfaceError(f"parts has {len(self.parts)} entries, not one for each triangle.")
         require_indices(
             SurfaceError, triangles=(self.triangles, n), seams=(self.seams, n),
             parts=(self.parts, len(self.part_names)),
         )  # fmt: skip
         unused = np.setdiff1d(np.arange(n), self.triangles)
         if len(unused):
-            raise SurfaceError(f"vertex {unused[0]} belongs to no triangle.")
+            yield SurfaceError(f"vertex {unused[0]} belongs to no triangle.")
         shape = shapes(self.points, self.triangles)
         thin = np.flatnonzero(shape < MIN_SHAPE)
         if len(thin):
             worst = int(np.argmin(shape))
-            raise PatternError(
+            yield PatternError(
                 f"{len(thin)} triangles are thinner than {MIN_SHAPE:g} of their longest edge, the "
                 f"worst, {worst}, at {self.points[self.triangles[worst]].mean(axis=0)} m with "
                 f"{shape[worst]:.2g}. Remesh the surface."
             )
         label = surface_components(self.triangles)
         if label.max() > 0:
-            raise SurfaceError(
+            yield SurfaceError(
                 f"the surface has {label.max() + 1} connected components, of "
                 f"{np.bincount(label).tolist()} triangles. Give one of them, or connect them."
             )

@@ -13,9 +13,9 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import SurfaceError
 from toros_fem.base.mpi import on_root
-from toros_fem.base.validation import require_choice, require_kind, require_positive, whole_numbers
+from toros_fem.base.validation import require_choice, require_kind, require_positive
 from toros_fem.meshes.panels import arranged
-from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Pattern
+from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Pattern, checked_array, require_indices
 from toros_fem.meshes.surfaces.cut import (
     cones,
     crease_regions,
@@ -70,18 +70,9 @@ class ChartError(Exception):
     """A region cannot be laid flat as one panel; dividing it may help."""
 
 
-@dataclass(frozen=True, eq=False)
-class Chart:
-    """A region laid flat by a method: flat corners of each triangle, (t, 3, 2), in m.
-
-    Slits are where it was cut from corner i to i + 1 of each triangle to become a disc, (t, 3).
-    """
-
-    corners: Floats
-    slits: Bools
-    method: str
-
-
+Chart = tuple[Floats, Bools, str]
+"""A region laid flat: flat corners of each triangle, (t, 3, 2), in m; where it was cut from corner
+i to i + 1 of each triangle to become a disc, (t, 3); and the method."""
 Panels = list[tuple[Ints, Chart]]
 """Triangles of the surface in each panel, and the panel laid flat."""
 
@@ -161,23 +152,15 @@ def _given(surface: Surface, edges: Edges, seams: Seams) -> Bools | None:
     if seams is None:
         own = between(edges, surface.parts) | _named(surface, edges, surface.seams)
         return own if own[edges.inner].any() else None
-    pairs = whole_numbers("seams", seams, "pairs of vertices (k, 2)", SurfaceError)
-    if pairs.size == 0:
+    if np.size(seams) == 0:
         return np.zeros(len(edges.ends), dtype=bool)
-    if pairs.ndim != 2 or pairs.shape[1] != 2:
-        raise SurfaceError(f"seams has shape {pairs.shape}; it must hold pairs of vertices (k, 2).")
-    return _named(surface, edges, pairs)
+    return _named(surface, edges, checked_array("seams", seams, int, 2, SurfaceError))
 
 
 def _named(surface: Surface, edges: Edges, pairs: Ints) -> Bools:
     """Return whether each edge is one of some pairs of vertices, (e,)."""
     size = len(surface.points)
-    wrong = np.flatnonzero(np.any((pairs < 0) | (pairs >= size), axis=1))
-    if len(wrong):
-        raise SurfaceError(
-            f"seams[{wrong[0]}] = {pairs[wrong[0]].tolist()} names no vertices; they lie in "
-            f"0 … {size - 1}."
-        )
+    require_indices(SurfaceError, seams=(pairs, size))
     keys, known = edge_keys(pairs, size), edge_keys(edges.ends, size)
     wrong = np.flatnonzero(~np.isin(keys, known))
     if len(wrong):
@@ -194,12 +177,12 @@ def _unwrapped(
 ) -> Unwrapped:
     panels = _flat_panels(surface, edges, cuts, method, max_stretch, tips=tips)
     label, seams = _labels(surface, panels), cuts.copy()
-    for cells, chart in panels:
-        seams[edges.of_triangle[cells][chart.slits]] = True
+    for cells, (_, slits, _) in panels:
+        seams[edges.of_triangle[cells][slits]] = True
     seams |= between(edges, label)
     flat_triangles, sewn = cut_open(surface.triangles, edges, seams)
     flat = np.zeros((len(sewn), 2))
-    placed = arranged([chart.corners.reshape(-1, 2) for _, chart in panels])
+    placed = arranged([corners.reshape(-1, 2) for _, (corners, _, _) in panels])
     for (cells, _), corners in zip(panels, placed, strict=True):
         flat[flat_triangles[cells].ravel()] = corners
     loose = Pattern(
@@ -217,7 +200,7 @@ def _unwrapped(
         pattern=pattern,
         distortion=Distortion(pattern),
         seams=edges.ends[seams & (edges.count == 2)],
-        methods=tuple(chart.method for _, chart in panels),
+        methods=tuple(method for _, (_, _, method) in panels),
     )
 
 
@@ -345,13 +328,15 @@ def lay_flat(
         raise ChartError("its cuts do not open it to a disc.")
     flat, used = _mapped(points[sewn], opened, method)
     corners = flat[opened]
-    _check_injective(flat, opened)
-    if np.isfinite(max_stretch):
+    fault = _overlap(flat, opened)
+    if not fault and np.isfinite(max_stretch):
         strain = strains(triangle_stretches(corners, points[triangles]))
         area = surface_areas(points, triangles)
         if area[strain > max_stretch].sum() > SPOTS * area.sum():
-            raise ChartError(f"its stretch of {strain.max():.2g} exceeds {max_stretch:g}.")
-    return Chart(corners, slits, used)
+            fault = f"its stretch of {strain.max():.2g} exceeds {max_stretch:g}."
+    if fault:
+        raise ChartError(fault)
+    return corners, slits, used
 
 
 def _mapped(points: Floats, triangles: Ints, method: str) -> tuple[Floats, str]:
@@ -383,17 +368,17 @@ def _mapped(points: Floats, triangles: Ints, method: str) -> tuple[Floats, str]:
     return flat * np.sqrt(target / np.abs(flat_areas(flat[triangles]).sum())), used
 
 
-def _check_injective(flat: Floats, triangles: Ints) -> None:
-    """Check that a flat disc does not overlap itself.
+def _overlap(flat: Floats, triangles: Ints) -> str:
+    """Return how a flat disc overlaps itself, in a sentence; empty if it does not.
 
     A map of a disc that turns no triangle over is one-to-one if it is one-to-one on the border.
     """
     area = flat_areas(flat[triangles])
     if np.any(area <= 0):
-        raise ChartError(f"{np.sum(area <= 0)} of its {len(area)} triangles are turned over.")
+        return f"{np.sum(area <= 0)} of its {len(area)} triangles are turned over."
     thin = shapes(np.pad(flat, ((0, 0), (0, 1))), triangles) <= SLIVER
     if np.any(thin):
-        raise ChartError(
+        return (
             f"{thin.sum()} of its {len(area)} triangles are slivers, thinner than {SLIVER:g} of "
             "their longest edge."
         )
@@ -403,5 +388,5 @@ def _check_injective(flat: Floats, triangles: Ints) -> None:
     loop = [start]
     while (here := next_vertex[here]) != start:
         loop.append(here)
-    if not shapely.is_simple(shapely.linearrings(flat[loop])):
-        raise ChartError("its border overlaps itself.")
+    simple = shapely.is_simple(shapely.linearrings(flat[loop]))
+    return "" if simple else "its border overlaps itself."

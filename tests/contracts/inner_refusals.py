@@ -48,11 +48,9 @@ from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.mma.optimizer import MMA, Functions
 from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.panels.seam_lines import sewn_seams
-from toros_fem.making.print.contours import printed_regions
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import regions_on
 from toros_fem.making.sheets.placement import nest
-from toros_fem.making.sheets.print_bodies import print_body
 from toros_fem.measures.alignment import AlignedObjective
 from toros_fem.measures.body_axis import body_axis
 from toros_fem.measures.cross_sections import (
@@ -73,7 +71,6 @@ from toros_fem.mechanics.skin.chambers import Chambers, chambers_of_panels, find
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Planes, Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
 from toros_fem.meshes.bordered import bordered
@@ -267,7 +264,6 @@ OUTLINES: Table = {
     "transfer from a square to a disc": lambda s: make_transfer(
         m.rectangle(ALONE, 0.02, 0.02, 3e-3, "right"), m.disc(ALONE, 0.01, 3e-3)
     ),
-    "transfer of 3 values": lambda s: make_transfer(SHEET, SHEET).at_cells(np.zeros(3)),
     "transfer between moulded skins": lambda s: make_transfer(ball(), ball()),
     "cone filter of a moulded skin": lambda s: make_filter("cone", m.sew(ALONE, ball()), 0.01),
     "grain of a moulded skin": lambda s: make_model(
@@ -303,7 +299,6 @@ BODIES: Table = {
     **each(rigid_box, {"size": (1, 0, 1)}, name="box"),
     **each(rigid_cylinder, {"axis": (0, 0, 0)}, {"length": 0}, name="rod", radius=1, length=1),
     "a body that is half free": lambda s: replace(CRATE, free=0.5),
-    "a body without a name": lambda s: replace(CRATE, name=""),
     "a body with a border": lambda s: replace(CRATE, triangles=CRATE.triangles[1:]),
     "a body's point is NaN": lambda s: replace(CRATE, points=changed(CRATE.points, 0, NAN)),
     "a flat body": lambda s: replace(CRATE, points=CRATE.points * [1, 1, 1e-7]),
@@ -316,7 +311,6 @@ BODIES: Table = {
     "a card thinner than its inset": lambda s: CARD.inset(2e-4),
     "a dish thinner than its inset": lambda s: _dish().inset(2e-4),
     "pads slide worse forward": lambda s: Pads(SOME, forward=0.9),
-    "no pad": lambda s: Pads(~SOME & SOME),
     "pads without direction": lambda s: Pads(SOME, (0.0, 0.0, 0.0)),
     "pads without ground": lambda s: Contact(friction=0.5, pads=Pads(SOME)),
     "pads without friction": lambda s: Contact(ground=Ground(), pads=Pads(SOME)),
@@ -345,7 +339,6 @@ def _parted(pattern: Pattern, axis: int, at: float = 0.0) -> Chambers:
 SUPPORTS: Table = {
     "built in where no border is": lambda s: build_in(SHEET, np.zeros(25, dtype=bool)),
     "guides of other normals": lambda s: Supports(FIXED, np.zeros((2, 2), int), np.ones((1, 3))),
-    "guides without direction": lambda s: Supports(FIXED, np.zeros((1, 2), int), np.zeros((1, 3))),
     "guides along their edge": lambda s: _on_sheet(
         Supports(SIDE.fixed, SIDE.guided, np.ones(SIDE.normals.shape))
     ),
@@ -402,8 +395,6 @@ SUPPORTS: Table = {
            "the tip is NaN": ([0.0, 0.0], [0, NAN, 1], "tip"),
            "a place of an unknown panel": ([0.0, 0.0], [0, 0, 1], "top"),
        }.items()},
-    "a turned tile": lambda s: Periodic(_tile(), ((True, False), (False, False), (True, True))),
-    "a gradient in the plane alone": lambda s: Periodic(_tile(), ((True, True),)),
 }  # fmt: skip
 
 
@@ -430,8 +421,6 @@ SOLVES: Table = {
     "line families of a tension field": lambda s: _with_lines(
         s, composite=tf.Composite(bending=None, membrane=tf.Membrane("tension-field"))
     ),
-    "a density of line families": lambda s: _with_lines(s).solve(s.plain, 1e3),
-    "lines without a sine": _lines,
     "lines at a density of 1.2": lambda s: _lines(s, (7, 0), 1.2),
     "a start beyond the bounds": lambda s: s.solver.solve(
         s.plain, 1e3, start=3 * s.solver.model.assembled
@@ -574,15 +563,10 @@ MAKING: Table = {
         f"a pattern into {name}": lambda s, name=name: m.write_pattern(s.folder / name, SHEET)
         for name in ("abc", "pattern.json")
     },
-    "32 values at points": lambda s: printed_regions(SHEET, np.zeros(32), np.zeros(25), 0.5),
-    "centroids are NaN": lambda s: printed_regions(SHEET, np.zeros(25), np.full(32, NAN), 0.5),
     **each(PrintLimits, {"gap": 0}),
     "1 region for 2 panels": lambda s: panel_drawings(pattern_of("finger"), [shapely.Polygon()]),
     "2 regions for 3 panels": lambda s: regions_on(s.pattern, [CAP] * 2, s.pattern),
     "regions on other panels": lambda s: regions_on(s.pattern, [CAP] * 3, tube()),
-    "a body of nothing": lambda s: print_body(shapely.Polygon(), 1e-3),
-    "a body of height 0": lambda s: print_body(CAP, 0),
-    "a body below its sheet": lambda s: print_body(CAP, 1e-3, -0.1),
     "a wall wider than the bed": lambda s: nest(
         {"cap": CAP, "wall": shapely.box(0, 0, 0.3, 0.2)}, (0.25, 0.21), gap=2e-3, margin=0.01
     ),

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from helpers import surfaces
 from helpers.own_skins import FINGER, OWN
-from helpers.tensile_tests import JERSEY, synthetic
+from helpers.tensile_tests import synthetic
 from helpers.tiles import printed_tile, solver_of, tile_of
 from mpi4py import MPI
 
@@ -23,14 +23,12 @@ from toros_fem import meshes as m
 from toros_fem.base.units import read_quantity
 from toros_fem.base.validation import require_between, require_count, require_positive
 from toros_fem.measures.between_regions import bend_between, length_between, twist_between
-from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes.conditions import Expression
 from toros_fem.meshes.pattern_file import NAME
 from toros_fem.meshes.surfaces.remeshed import remeshed
 from toros_fem.meshes.surfaces.surface import oriented
 from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.tensile_test import TensileTest
-from toros_fem.products.fitting.uniaxial import uniaxial_curve
 from toros_fem.products.gripper.gripper import GripperScene
 from toros_fem.products.options import FitOptions
 from toros_fem.products.own_mesh.metrics import Measured
@@ -52,8 +50,7 @@ from toros_fem.products.tiles.stiffness_profile import (
     ProfileTarget,
 )
 from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.tube import SectionTubeScene, plain_tube
-from toros_fem.products.walker.gait import Gait
+from toros_fem.products.tubes.tube import SectionTubeScene
 
 ALONE = MPI.COMM_SELF
 
@@ -158,13 +155,9 @@ def _simulated(s: Scene, files: dict[str, Path], **changes: Any) -> object:
 
 ACTUATORS: Table = {
     **each(_half, {"knit_ratio": 3.0, "grain_angle": 30.0}, {"twisted": 1.0}),
-    "a quarter of a tube with hinges": lambda s: plain_tube(
-        ALONE, BendScene().skin, (0, 1), seams="hinged"
-    ),
     "an orientation of -1 m": lambda s: BendScene.of(orientation_length=-1.0),
     "a simulation without pressure": lambda s: _simulated(s, {}, pressure=0.0),
     "a simulation of no print": lambda s: _simulated(s, {"pattern": s.folder / "nothing.npz"}),
-    "phases of two legs for one": lambda s: Gait(("one",), np.zeros((2, 2)), 1),
     "a gripper of a short stem": lambda s: GripperScene.of(stem_length=0.01),
     "a gripper of a speck": lambda s: _gripped(GripperScene.of(size=1e-3)),
 }
@@ -178,10 +171,6 @@ def _gripped(scene: GripperScene) -> object:
 
 ONES, SOME = np.ones(3), np.array([True, False])
 FABRIC = tf.Composite(bending=None)
-
-
-def _periodic(prescribed: Any) -> Periodic:
-    return Periodic(tile_of(3), prescribed)
 
 
 def _folding(bending: tf.Bending | None) -> object:
@@ -210,11 +199,6 @@ def _pulled(axis: int = 0, gauge: float = 0.01, strains: Any = (0.1,)) -> object
 
 
 TILES: Table = {
-    **each(_periodic, {"prescribed": UNIAXIAL[:2]}, {"prescribed": ((True,), (True,), (True,))},
-           {"prescribed": ((1, 0), (1, 0), (1, 1))},
-           {"prescribed": ((True, False), (True,), (True, True))},
-           {"prescribed": ((True, False), (False, True), (True, True))},
-           {"prescribed": ((True, False), (True, False), (True, False))}),
     **each(_folding, {"bending": None}, {"bending": tf.Bending(seams="hinged")},
            {"bending": tf.Bending(rest="assembled")}),
     **each(_stretched, {"angle": INF}, {"density": -0.1}, {"gradient": 1.1}),
@@ -261,10 +245,6 @@ def _test(direction: str = "", **changes: Any) -> TensileTest:
     return TensileTest(**{**given, **changes})
 
 
-def _curve(stretch: object = 1.1, sheet: tf.Material = JERSEY, **changes: Any) -> object:
-    return uniaxial_curve(sheet, [stretch], **changes)
-
-
 FITS: Table = {
     "three points of a test": lambda s: _test(stretch=np.ones(3)),
     "stresses of other points": lambda s: _test(stress=np.ones(4)),
@@ -272,9 +252,6 @@ FITS: Table = {
     "stresses that are NaN": lambda s: _test(stress=np.full(6, NAN)),
     "a second branch": lambda s: _test().branch("second"),
     **each(Given, {"units": {"force": "lb"}}, {"units": {"time": "s"}}),
-    **each(_curve, {"stretch": 0.9}, {"stretch": 1.9}, {"stretch": [1.1]}, {"knit_ratio": 0.5},
-           {"direction": "up"}),
-    "a curve without c2": lambda s: _curve(sheet=tf.Material(1e5, 0.3, 5e-4, 1.9)),
     "a fit of no test": lambda s: tf.fit_material([]),
     "a fit of two points": lambda s: tf.fit_material([synthetic()], FitOptions(up_to=1.05)),
     "a fit of skew tests": lambda s: tf.fit_material([_test("0"), _test("45")]),

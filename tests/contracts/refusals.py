@@ -556,10 +556,6 @@ OUTPUTS: Table = {
     "fields into a missing folder": lambda s: write_fields(
         s.folder / "no" / "a.vtu", s.pattern, s.pattern.points, {}
     ),
-    "fields of other triangles": lambda s: write_fields(
-        s.folder / "a.vtu", s.pattern, s.pattern.points, {"rho": np.zeros(3)}
-    ),
-    "fields as text": lambda s: write_fields(s.folder / "a.txt", s.pattern, s.pattern.points, {}),
     "output is a file": lambda s: guarded(s.comm, s.file("file", "") / "x", lambda: None),
     "reporter in a file": lambda s: tf.DesignReporter(s.comm, s.file("file", "")),
     "results of nothing": lambda s: tf.write_results(s.folder, None, None),

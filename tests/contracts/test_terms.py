@@ -108,9 +108,9 @@ def shared_and_own(model: SkinModel, design: np.ndarray) -> Iterator[tuple[Any, 
     for k in range(len(model.design.functions)):
         names[f"by {k}"] = lambda forms, k=k: forms.sensitivities[k]  # type: ignore[misc]
     for k in model.forms.loads:
-        names[f"load {k}"] = lambda forms, k=k: forms.loads[k].variation  # type: ignore[misc]
+        names[f"load {k}"] = lambda forms, k=k: forms.loads[k][1]  # type: ignore[misc]
         if model.terms[k] is model.pressure:
-            names["volume"] = lambda forms, k=k: forms.loads[k].potential  # type: ignore[misc]
+            names["volume"] = lambda forms, k=k: forms.loads[k][0]  # type: ignore[misc]
     bounds = model.bounds
     if isinstance(bounds, MixedBounds):
         names["narrowed"] = lambda forms: bounds.narrowed(forms.residual)

@@ -26,7 +26,7 @@ from toros_fem.making.print.cleaning import MirroredPanels, Panels, clean
 from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
 from toros_fem.making.print.thickness import thickened
 from toros_fem.making.sheets.cut_files import cut_dxf
-from toros_fem.making.sheets.layout import Sheet, layout
+from toros_fem.making.sheets.layout import Sheet, manufacture
 from toros_fem.making.sheets.print_bodies import print_bodies
 from toros_fem.meshes import cylinder, mirrored
 from toros_fem.meshes.affine import Affine
@@ -204,12 +204,12 @@ def test_panels(kind: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
     pinned(
         f"machine_files/bodies_of_{kind}",
         {
-            body.name: {
-                "corners": len(body.vertices),
-                "bounds in m": np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)]),
-                "volume in m3": _volume(body.vertices[body.triangles]),
+            name: {
+                "corners": len(vertices),
+                "bounds in m": np.array([vertices.min(axis=0), vertices.max(axis=0)]),
+                "volume in m3": _volume(vertices[triangles]),
             }
-            for body in bodies
+            for name, vertices, triangles in bodies
         },
         rel=1e-7,
     )
@@ -223,9 +223,8 @@ def test_panels(kind: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
 def test_sheets(pinned: Callable[..., None]) -> None:
     """Places on beds and sheets."""
     pytest.importorskip("u_nesting")
-    pattern, options = pattern_of("tube"), ManufactureOptions()
-    drawings = panel_drawings(pattern, striped(pattern), options)
-    placed = layout(drawings, options)
+    pattern = pattern_of("tube")
+    placed = manufacture(pattern, striped(pattern))
     places = {
         place.panel: [float(place.sheet), np.degrees(place.angle), *place.offset]
         for place in placed.placements

@@ -12,7 +12,7 @@ import subprocess
 import sysconfig
 from collections.abc import Callable, Generator, Hashable, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
@@ -71,23 +71,9 @@ def compiled(form: ufl.Form) -> Any:
             ) from error
 
 
-@dataclass(frozen=True)
-class Kernel:
-    """Code of a form, and which of the symbols of `SharedForms` it reads.
-
-    Attributes:
-        code, module: Of the compiled form.
-        spaces: Symbols whose spaces are those of its arguments.
-        coefficients, constants: Symbols in the order of the code.
-    """
-
-    code: Any
-    module: Any
-    spaces: Sequence[int]
-    coefficients: Sequence[int]
-    constants: Sequence[int]
-
-
+Kernel = tuple[Any, Any, Sequence[int], Sequence[int], Sequence[int]]
+"""Code and module of a compiled form, and which of the symbols of `SharedForms` it reads: those
+whose spaces are those of its arguments, its coefficients, and its constants."""
 # Those of this process, by the kind of their symbols and their name.
 _KERNELS: dict[tuple[Hashable, str], Kernel] = {}
 
@@ -138,15 +124,10 @@ class SharedForms:
             made = compiled(form)
             _KERNELS[key] = self._kernel(form, made)
             return made
-        kernel = _KERNELS[key]
-        spaces, coefficients, constants = (
-            [self._symbols[k] for k in places]
-            for places in (kernel.spaces, kernel.coefficients, kernel.constants)
-        )
+        code, module, *places = _KERNELS[key]
+        spaces, coefficients, constants = ([self._symbols[k] for k in of] for of in places)
         spaces = [one.ufl_function_space() for one in spaces]
-        return filled_form(
-            kernel.code, kernel.module, spaces, coefficients, constants, self._domain
-        )
+        return filled_form(code, module, spaces, coefficients, constants, self._domain)
 
     def _kernel(self, form: ufl.Form, made: fem.Form) -> Kernel:
         symbols, code = self._symbols, made.ufcx_form
@@ -157,7 +138,7 @@ class SharedForms:
         every = form.coefficients()
         used = [every[code.original_coefficient_positions[n]] for n in range(code.num_coefficients)]
         number = {id(one): k for k, one in enumerate(symbols)}
-        return Kernel(
+        return (
             code,
             made.module,
             [of_space.index(one.ufl_function_space()) for one in form.arguments()],

@@ -61,9 +61,8 @@ def replacing(path: Path) -> Iterator[Path]:
         with beside.open("rb") as file:
             os.fsync(file.fileno())
         beside.replace(path)
-    except BaseException:
+    finally:
         beside.unlink(missing_ok=True)
-        raise
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)
@@ -116,10 +115,10 @@ def reading(path: Path, failure: type[TorosError], remedy: str) -> Iterator[None
         if path.is_fifo():
             raise ValueError("it is a pipe, and no file")
         yield
-    except TorosError:
-        raise
     except Exception as caught:
-        raise failure(f"{path} cannot be read: {reason(caught)}. {remedy}") from None
+        ours = isinstance(caught, TorosError)
+        why = f"{path} cannot be read: {reason(caught)}. {remedy}"
+        raise (caught if ours else failure(why)) from None
 
 
 def read_bytes(path: Path, what: str) -> bytes:
@@ -193,10 +192,9 @@ def naming(
     """
     try:
         yield
-    except TorosError:
-        raise
     except OSError as caught:
-        raise error(says.format(path, reason(caught))) from None
+        ours = isinstance(caught, TorosError)
+        raise (caught if ours else error(says.format(path, reason(caught)))) from None
 
 
 def guarded(

@@ -60,32 +60,40 @@ def read_quantity(text: str, unit: str | None) -> float:
     Raises:
         ParameterError: There is no number, no unit, an unknown unit, or one of something else.
     """
+    found = _quantity(text, unit)
+    if isinstance(found, str):
+        raise ParameterError(f"{shown(text)} {found}")
+    return found
+
+
+def _quantity(text: str, unit: str | None) -> float | str:
+    """Return the number of `read_quantity`, or the end of a sentence that says why it is none."""
     known = "" if unit is None else "; known are " + ", ".join(words_of(unit))
-    match, given = _VALUE.fullmatch(text[: LONGEST + 1]), shown(text)
+    match = _VALUE.fullmatch(text[: LONGEST + 1])
     if match is None or len(text) > LONGEST:
         none = " This value cannot be left out." if text.strip().lower() == "none" else ""
-        raise ParameterError(f"{given} does not start with a number{known}.{none}")
+        return f"does not start with a number{known}.{none}"
     number, word = match[1], spelt(match[2])
     if not word:
         advice = "without quotes" if unit is None else f"without quotes, in {unit}"
-        raise ParameterError(f"{given} has no unit{known}; a plain number, {advice}.")
+        return f"has no unit{known}; a plain number, {advice}."
     found = next((one for one, (_, words) in DIMENSIONS.items() if word in words), None)
     if found is None and re.match(r",\d", match[2]):
         point = f": {text.strip().replace(',', '.')!r}" * ("." not in number)
-        raise ParameterError(f"{given} has a comma. Write a point{point or ', and one alone'}.")
+        return f"has a comma. Write a point{point or ', and one alone'}."
     if found is None:
         near = [one for one in words_of(unit) if one.lower() == word.lower()]
         advice = f"; did you mean {near[0]!r}?" if near else f"{known}."
-        raise ParameterError(f"{given} has the unknown unit {shown(word)}{advice}")
+        return f"has the unknown unit {shown(word)}{advice}"
     if found != (unit or "%"):
         wanted = "a pure number" if unit is None else DIMENSIONS[unit][0]
-        raise ParameterError(f"{given} is {DIMENSIONS[found][0]}, but {wanted} is needed{known}.")
+        return f"is {DIMENSIONS[found][0]}, but {wanted} is needed{known}."
     with localcontext(prec=40) as context:
         context.clear_traps()  # what overflows is infinite
         factor = DIMENSIONS[found][1][word] / (100 if unit is None else 1)
         value = float(Decimal(number) * factor)
     if not math.isfinite(value):
-        raise ParameterError(f"{given} is too large for a number.")
+        return "is too large for a number."
     return value
 
 

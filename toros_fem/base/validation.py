@@ -6,11 +6,12 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import UnionType
 from typing import Any
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError, TorosError
 
 # Longest text of a value in a message.
@@ -19,6 +20,8 @@ LONGEST = 60
 LONGEST_NAME = 200
 # Sizes between which numbers are, if they are not 0: squares and cubes of these do not overflow.
 SMALL, LARGE = 1e-60, 1e60
+# What names are given as: a lone text would be read letter by letter.
+NAMES = "names, as texts"
 # Whole numbers from here on have no type in NumPy.
 LARGEST = 2**63
 
@@ -47,35 +50,34 @@ def _require(
     """Check that each value is a finite number, a whole one where asked for, that fits."""
     for name, value in values.items():
         number = is_number(value) and not (whole and isinstance(value, float | np.floating))
-        if not (number and math.isfinite(value) and fits(value)):
-            raise ParameterError(f"{name} = {shown(value)} must be a {what}.")
-        if value and not SMALL < abs(value) < LARGE:
-            raise ParameterError(
-                f"{name} = {shown(value)} must be 0, or between {SMALL:g} and {LARGE:g} in size."
-            )
+        fitting = number and math.isfinite(value) and fits(value)
+        if not fitting or (value and not SMALL < abs(value) < LARGE):
+            sized = f"0, or between {SMALL:g} and {LARGE:g} in size"
+            raise ParameterError(f"{name} = {shown(value)} must be {sized if fitting else what}.")
 
 
 def require_positive(*, at_most: float = math.inf, **values: Any) -> None:
     """Check that each value is a finite number in (0, at_most]."""
     bound = "" if math.isinf(at_most) else f" and at most {at_most:.6g}"
-    _require(values, lambda one: 0 < one <= at_most, f"finite number greater than 0{bound}")
+    _require(values, lambda one: 0 < one <= at_most, f"a finite number greater than 0{bound}")
 
 
 def require_between(low: float, high: float, **values: Any) -> None:
     """Check that each value is a finite number in [low, high]."""
     bound = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
-    _require(values, lambda one: low <= one <= high, f"finite number, {bound}")
+    _require(values, lambda one: low <= one <= high, f"a finite number, {bound}")
 
 
 def require_finite(**values: Any) -> None:
     """Check that each value is a finite number."""
-    _require(values, math.isfinite, "finite number")
+    _require(values, math.isfinite, "a finite number")
 
 
-def require_count(least: int, **values: Any) -> None:
-    """Check that each value is a whole number and at least `least`."""
-    bound = f"whole number, at least {least}"
-    _require(values, lambda one: one >= least, bound, whole=True)
+def require_count(least: int, *, at_most: float = math.inf, **values: Any) -> None:
+    """Check that each value is a whole number in [least, at_most]."""
+    bound = "" if math.isinf(at_most) else f" and at most {at_most}"
+    what = f"a whole number, at least {least}{bound}"
+    _require(values, lambda one: least <= one <= at_most, what, whole=True)
 
 
 def require_choice(name: str, value: Any, choices: Sequence[str]) -> None:
@@ -106,30 +108,34 @@ def require_callable(name: str, value: Any, what: str) -> None:
     require_kind(name, value, Callable, what)  # type: ignore[arg-type]
 
 
-def require_names(name: str, values: Any) -> None:
-    """Check that names come as a list: a lone text would be read letter by letter."""
-    if isinstance(values, str):
-        raise ParameterError(f"{name} = {values!r} must be a list of names: [{values!r}].")
-    if not isinstance(values, list | tuple) or not all(isinstance(one, str) for one in values):
-        raise ParameterError(f"{name} = {shown(values)} must be a list of names, as texts.")
+def checked_list(
+    name: str,
+    values: Any,
+    kind: type | UnionType,
+    what: str,
+    failure: type[TorosError] = ParameterError,
+    *,
+    least: int = 0,
+) -> tuple[Any, ...]:
+    """Return a list as a tuple, checked to hold `least` values of a type, `what` in the plural."""
+    listed = isinstance(values, list | tuple) and len(values) >= least
+    if not listed or not all(isinstance(one, kind) for one in values):
+        raise failure(f"{name} = {shown(values)} must be a list of {what}.")
+    return tuple(values)
 
 
 def checked_names(
-    name: str, values: Any, failure: type[TorosError] = ParameterError
+    name: str, values: Any, failure: type[TorosError] = ParameterError, *, least: int = 0
 ) -> tuple[str, ...]:
-    """Return names as a tuple, checked to be a list of texts, all different."""
-    listed = isinstance(values, list | tuple | np.ndarray)
-    if not listed or not all(isinstance(one, str) for one in values):
-        raise failure(f"{name} = {shown(values)} must be a list of names, as texts.")
-    names = tuple(map(str, values))
+    """Return names as a tuple, checked to be a list of `least` texts at least, all different."""
+    given = list(values) if isinstance(values, np.ndarray) else values
+    names = tuple(map(str, checked_list(name, given, str, NAMES, failure, least=least)))
     for one in names:
-        if not one.isprintable() or len(one) > LONGEST_NAME:
+        if not one.isprintable() or len(one) > LONGEST_NAME or names.count(one) > 1:
             raise failure(
-                f"{name} holds {shown(one)}; names are printable, of at most {LONGEST_NAME} "
-                "characters."
+                f"{name} holds {shown(one)}{' twice' if names.count(one) > 1 else ''}; names are "
+                f"printable, of at most {LONGEST_NAME} characters, and all different."
             )
-        if names.count(one) > 1:
-            raise failure(f"{name} holds {one!r} twice; each name must be different.")
     return names
 
 
@@ -162,6 +168,17 @@ def checked_floats(
         where = np.argwhere(~np.isfinite(array))[0].tolist()
         place = f"[{', '.join(map(str, where))}]" if where else ""
         raise failure(f"{name}{place} = {array[tuple(where)]} is not finite; it must be {what}.")
+    return array
+
+
+def checked_bools(name: str, values: Any, what: str, shape: tuple[int, ...]) -> Bools:
+    """Return values as an array, checked to be True or False for each of `what`, of a shape."""
+    array = np.asarray(values)
+    if array.dtype != bool or array.shape != shape:
+        raise ParameterError(
+            f"{name} is {array.dtype} of shape {array.shape}; it must be True or False for each "
+            f"{what}, of shape {shape}."
+        )
     return array
 
 
@@ -211,14 +228,12 @@ def checked_axes(
     failure: type[TorosError] = ParameterError,
 ) -> tuple[int, ...]:
     """Return axes of planes as a tuple, checked to be a list of different, allowed ones."""
-    if not isinstance(values, list | tuple | np.ndarray) or np.ndim(values) != 1:
-        raise failure(f"{name} = {shown(values)} must be a list of axes, () for none.")
-    for axis in values:
-        whole = isinstance(axis, int | np.integer) and not isinstance(axis, bool)
-        if not whole or axis not in allowed:
-            known = ", ".join(f"{one} for {'xyz'[one]} = 0" for one in allowed)
-            raise failure(f"{name} holds {shown(axis)}; it may hold {known}.")
-    axes = tuple(int(axis) for axis in values)
-    if len(set(axes)) < len(axes):
-        raise failure(f"{name} = {axes} names an axis twice; each may be given once.")
-    return axes
+    listed = isinstance(values, list | tuple | np.ndarray) and np.ndim(values) == 1
+    kinds = (int, np.integer)
+    axes = [one for one in values if isinstance(one, kinds) and one in allowed] if listed else []
+    if not listed or len(set(axes)) < len(values) or any(isinstance(one, bool) for one in axes):
+        known = ", ".join(f"{one} for {'xyz'[one]} = 0" for one in allowed)
+        raise failure(
+            f"{name} = {shown(values)} must be a list of different axes, {known}; () for none."
+        )
+    return tuple(map(int, axes))

@@ -294,7 +294,7 @@ class Inflated:
 
     def load(self, key: str, pressure: float) -> Group:
         """Return the group of a pressure in Pa."""
-        return Group("load", key, self._widening(pressure))
+        return Group("load", key, pressure * self.radius / self.sheet.least_stiffness)
 
     def width(self, key: str, width: float) -> Group:
         """Return the group of the width in m of a line or a gap."""
@@ -328,9 +328,6 @@ class Inflated:
         yield angle_group(key, angle)
         half = abs(math.radians(angle)) * self.radius / length / 2  # of the shear
         yield self.reach(key, half + math.hypot(1.0, half) - 1)  # the largest principal strain
-
-    def _widening(self, pressure: float) -> float:
-        return pressure * self.radius / self.sheet.least_stiffness
 
 
 def _idle(scene: Scene) -> Iterator[str]:

@@ -9,9 +9,7 @@ import meshio
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import naming, replacing
-from toros_fem.base.validation import checked_floats, shown
 from toros_fem.meshes.pattern import Pattern
 
 
@@ -26,19 +24,7 @@ def write_fields(
 
     Raises:
         OutputError: The file cannot be written.
-        ParameterError: The file does not end in .vtu, or an array does not fit the pattern.
     """
-    path, count = Path(path), len(pattern.panel)
-    if path.suffix != ".vtu":
-        raise ParameterError(f"path = {shown(str(path))} must end in .vtu.")
-    what = f"{pattern.points.shape}, in m"
-    positions = checked_floats("positions", positions, what, pattern.points.shape, finite=False)
-    for name, values in cell_fields.items():
-        if np.shape(values)[:1] != (count,):
-            raise ParameterError(
-                f"cell_fields[{name!r}] has shape {np.shape(values)}; it must be ({count},), or "
-                f"({count}, 3)."
-            )
     fields = meshio.Mesh(
         positions,
         [("triangle", pattern.triangles)],

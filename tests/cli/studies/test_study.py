@@ -47,12 +47,12 @@ def test_values(words: str, values: list[object]) -> None:
         ("pressure", "write KEY=VALUES"),
         ("presure=1,2", "did you mean 'pressure'"),
         ("pressure=1..2kPa", "how many values"),
-        ("pressure=1..2kPa:1", "at least 2"),
+        ("pressure=1..2kPa:1", "how many values, 2 to 10000"),
         ("pressure=5..5kPa:3", "not different"),
         ("pressure=1..2 m:3", "a length"),
         ("seed=4..1", "there is none"),
         ("fabric=a..b", "needs numbers"),
-        ("pressure=1..2kPa:99999", "more than 10000"),
+        ("pressure=1..2kPa:99999", "how many values, 2 to 10000"),
     ],
 )
 def test_wrong_values(words: str, message: str) -> None:

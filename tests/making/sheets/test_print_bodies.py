@@ -11,7 +11,7 @@ from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.panels.panel_drawing import panel_drawings
-from toros_fem.making.sheets.print_bodies import PrintBody, print_bodies, print_body, stl_of
+from toros_fem.making.sheets.print_bodies import print_bodies, print_body, stl_of
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
 HEIGHT, BASE = 0.4e-3, 0.3e-3
@@ -52,8 +52,8 @@ def checked(mesh: Any) -> None:
 @pytest.mark.parametrize("name", REGIONS)
 def test_bodies_are_watertight_and_of_the_right_volume(name: str, tmp_path: Path) -> None:
     region = REGIONS[name]
-    body = PrintBody("body", *print_body(region, HEIGHT, BASE))
-    (tmp_path / "body.stl").write_bytes(stl_of([body]))
+    body = print_body(region, HEIGHT, BASE)
+    (tmp_path / "body.stl").write_bytes(stl_of([("body", *body)]))
     mesh = trimesh.load_mesh(tmp_path / "body.stl")  # single precision, corners found by place
     checked(mesh)
     assert mesh.volume == pytest.approx(1e9 * region.area * HEIGHT, rel=1e-3)
@@ -70,5 +70,5 @@ def test_panels_without_print_have_no_body() -> None:
     pattern = pattern_of("finger")
     regions = striped(pattern)
     drawings = panel_drawings(pattern, [regions[0], Polygon()])
-    names = [body.name for body in print_bodies(drawings)]
+    names = [name for name, *_ in print_bodies(drawings)]
     assert names == ["top", "top registration"]

@@ -75,7 +75,7 @@ def rings_of(text: str, layer: str) -> list[np.ndarray]:
 
 def checked(made: Manufacture, contents: dict[str, bytes]) -> None:
     """Each file by a reader of its own against the drawings."""
-    for number, sheet in enumerate(made.layout.sheets, 1):
+    for number, sheet in enumerate(made.sheets, 1):
         text = contents[f"cut_{number}.dxf"].decode()
         for layer, shapes in (
             ("print", [one.printed for one in sheet.drawings]),
@@ -84,7 +84,7 @@ def checked(made: Manufacture, contents: dict[str, bytes]) -> None:
             drawn = even_odd(1e-3 * ring for ring in rings_of(text, layer))
             off = drawn.symmetric_difference(shapely.union_all(shapes))
             assert off.area < 1e-9 * np.prod(sheet.size)
-    for number, bed in enumerate(made.layout.beds, 1):
+    for number, bed in enumerate(made.beds, 1):
         areas = {one.name: one.printed.area for one in bed.drawings if not one.printed.is_empty}
         if not areas:
             assert f"print_{number}.stl" not in contents
@@ -139,8 +139,8 @@ def test_a_browser_draws_what_is_cut(tmp_path: Path) -> None:
     pattern = pattern_of("walker")
     made = manufacture(pattern, striped(pattern), ManufactureOptions(bed_width=0.35))
     drawings = [one for one in machine_files(made) if re.fullmatch(r"cut_\d+\.svg", one.name)]
-    assert len(drawings) == len(made.layout.sheets)
-    for file, sheet in zip(drawings, made.layout.sheets, strict=True):
+    assert len(drawings) == len(made.sheets)
+    for file, sheet in zip(drawings, made.sheets, strict=True):
         path = tmp_path / file.name
         path.write_bytes(file.content)
         with opened(path, ready="document.readyState === 'complete'") as page:

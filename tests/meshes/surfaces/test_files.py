@@ -243,11 +243,11 @@ def test_target_from_a_mesh(alone: MPI.Comm, tmp_path: Path, suffix: str) -> Non
     write(bent, shuffled)
     assert from_mesh(alone, path, pattern) == pytest.approx(bent, abs=1e-8)
     write(bent, shuffled[:-1])
-    with pytest.raises(ParameterError, match=f"has {len(shuffled) - 1} triangles; the skin has"):
+    with pytest.raises(ParameterError, match=f"and {len(shuffled) - 1} triangles; the skin has"):
         from_mesh(alone, path, pattern)
     write(bent[:-1], np.array([[0, 1, 2]]))
     less = len(bent) - 1
-    with pytest.raises(ParameterError, match=f"has {less} vertices; the skin has {less + 1}"):
+    with pytest.raises(ParameterError, match=f"has {less} vertices .* the skin has {less + 1} "):
         from_mesh(alone, path, pattern)
     write(bent, np.concatenate([pattern.triangles[:7], pattern.triangles[7:, ::-1]]))
     with pytest.raises(ParameterError, match="triangle 7 of the skin"):

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.tensile_tests import C1, C2, JERSEY, TRUE, synthetic
+from helpers.tensile_tests import C1, C2, JERSEY, TRUE, synthetic, uniaxial_curve
 from scipy.signal import lfilter
 
 from toros_fem import fit_material
 from toros_fem.base.errors import FileError
 from toros_fem.products.fitting.intervals import correlation
 from toros_fem.products.fitting.tensile_test import TensileTest
-from toros_fem.products.fitting.uniaxial import uniaxial_curve
 from toros_fem.products.options import FitOptions
 
 

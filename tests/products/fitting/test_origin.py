@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.scenes import DATA
-from helpers.tensile_tests import C1, JERSEY
+from helpers.tensile_tests import C1, JERSEY, uniaxial_curve
 
 from toros_fem import fit_material, read_tensile_tests
 from toros_fem.base.errors import FileError
@@ -12,7 +12,6 @@ from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.report import library_entry
 from toros_fem.products.fitting.result import FitResult
 from toros_fem.products.fitting.tensile_test import TensileTest
-from toros_fem.products.fitting.uniaxial import uniaxial_curve
 from toros_fem.products.options import FitOptions
 
 NOISES = (0.0, 0.002, 0.01)

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from helpers.scenes import TABLE_A, table
+from helpers.tensile_tests import uniaxial_curve
 from scipy.optimize import brentq
 
 from toros_fem.materials.sheet import Composite, Knit, Material
@@ -14,7 +15,6 @@ from toros_fem.products.fitting.uniaxial import (
     Coefficients,
     lateral_strain,
     tension,
-    uniaxial_curve,
 )
 
 

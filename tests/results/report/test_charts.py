@@ -26,7 +26,7 @@ def curve(
         draw_over_pressure(axes, Curve(rows, at, measured), [figure])
         axes.set_xlabel("pressure (kPa)")
 
-    return chart("pressure", draw).svg
+    return chart("pressure", draw)[0]
 
 
 def history(values: Sequence[float], levels: Sequence[int] = ()) -> str:
@@ -34,7 +34,7 @@ def history(values: Sequence[float], levels: Sequence[int] = ()) -> str:
         {"iteration": float(k), "objective": value, "level": float(level)}
         for k, (value, level) in enumerate(zip(values, levels or [0] * len(values), strict=True))
     ]
-    return chart("iteration", lambda axes: draw_history(axes, rows)).svg
+    return chart("iteration", lambda axes: draw_history(axes, rows))[0]
 
 
 def texts(svg: str) -> list[str]:
@@ -99,11 +99,11 @@ def test_a_chart_has_the_same_bytes_again_and_fetches_nothing() -> None:
 def test_a_run_has_charts_of_its_metrics(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", tube())
     run = read_run(folder)
-    (one,), (other,) = over_pressure(run), over_iterations(run)
-    assert one.label == "angle (°) over pressure (kPa)"
-    assert other.label == "objective T over iteration"
-    assert {"70° (paper)", "88.2 ± 1.5°", "target 90°"} <= {*texts(one.svg)}
-    assert "angle (°)" in texts(other.svg)
+    ((one, label),), ((other, of_other),) = over_pressure(run), over_iterations(run)
+    assert label == "angle (°) over pressure (kPa)"
+    assert of_other == "objective T over iteration"
+    assert {"70° (paper)", "88.2 ± 1.5°", "target 90°"} <= {*texts(one)}
+    assert "angle (°)" in texts(other)
     change_summary(folder, figures=[])
-    (plain,) = over_iterations(read_run(folder))
-    assert "angle (°)" not in texts(plain.svg)
+    ((plain, _),) = over_iterations(read_run(folder))
+    assert "angle (°)" not in texts(plain)

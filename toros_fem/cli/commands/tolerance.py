@@ -48,8 +48,7 @@ class Tolerance(Command, ToleranceConfig):
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Simulate the variants, and write them (collective)."""
         from toros_fem.meshes.triangles import triangle_limit
-        from toros_fem.products.tolerance.of_run import tolerances_of_run
-        from toros_fem.products.tolerance.writing import FILES, write_tolerances
+        from toros_fem.products.tolerance.of_run import FILES, tolerances_of_run, write_tolerances
 
         output = self.output or self.run
         if self.output is not None:

@@ -13,12 +13,13 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
+    NAMES,
     checked_axes,
     checked_floats,
+    checked_list,
     real_numbers,
     require_callable,
     require_kind,
-    require_names,
     require_positive,
     shown,
 )
@@ -210,7 +211,7 @@ def _check_kinds(
 
 def _given_density(case: Case) -> Floats | None:
     """Return the prescribed density of all triangles, (t,); None if there is none."""
-    require_names("printed_panels", case.printed_panels)
+    checked_list("printed_panels", case.printed_panels, str, NAMES)
     count, passive = len(case.pattern.triangles), case.passive
     if passive is not None:
         what = "one density for each triangle, NaN where it is designed"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -156,19 +155,20 @@ def drawing_of(
         shapely.MultiPoint(centres).buffer(reach, cap_style="square"),
     ]
     kept_free = shapely.union_all(marks)
-    room = _Room(
-        band=cut.difference(outline).difference(kept_free).buffer(-CLEAR / 2),
-        fabric=outline.difference(printed.buffer(CLEAR)).difference(kept_free).buffer(-CLEAR),
-        panel=outline,
-    )
+    # Where nothing is yet: in the allowance, on bare fabric, on the panel with its print.
+    room: list[BaseGeometry] = [
+        cut.difference(outline).difference(kept_free).buffer(-CLEAR / 2),
+        outline.difference(printed.buffer(CLEAR)).difference(kept_free).buffer(-CLEAR),
+        outline,
+    ]
     labels: list[Label] = []
     if allowance is not None:
         for edge in edges:
-            numbers = edge_labels(*edge, room.band, allowance)
-            labels, room = labels + numbers, room.without(numbers)
+            numbers = edge_labels(*edge, room[0], allowance)
+            labels, room = labels + numbers, _beside(room, numbers)
     for text in texts:
-        label = panel_label(text, edges, room.band, room.fabric, outline, allowance)
-        labels, room = [*labels, label], room.without([label])
+        label = panel_label(text, edges, room[0], room[1], outline, allowance)
+        labels, room = [*labels, label], _beside(room, [label])
     grain = options.drawn_grain
     return PanelDrawing(
         name=texts[0][0],
@@ -184,17 +184,10 @@ def drawing_of(
     )
 
 
-class _Room(NamedTuple):
-    """Where nothing is yet: in the allowance, on bare fabric, on the panel with its print."""
-
-    band: BaseGeometry
-    fabric: BaseGeometry
-    panel: BaseGeometry
-
-    def without(self, labels: Sequence[Label]) -> _Room:
-        """Return what is left beside some texts."""
-        taken = shapely.union_all([label.frame for label in labels])
-        return _Room(*(region.difference(taken) for region in self))
+def _beside(room: Sequence[BaseGeometry], labels: Sequence[Label]) -> list[BaseGeometry]:
+    """Return what is left of regions beside some texts."""
+    taken = shapely.union_all([label.frame for label in labels])
+    return [region.difference(taken) for region in room]
 
 
 def cut_outline(outline: BaseGeometry, lines: Sequence[Floats], allowance: float) -> BaseGeometry:

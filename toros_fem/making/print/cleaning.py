@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
 from toros_fem.making.print.contours import smoothed
-from toros_fem.making.print.islands import PanelRegion, PrintedPiece, find_holes, find_pieces
+from toros_fem.making.print.islands import PanelRegion, find_holes, find_pieces
 from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified, solid
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import BEYOND, beyond_seams, part_regions, with_more
@@ -46,8 +46,8 @@ class CleanedRegions:
 
     contours: list[BaseGeometry]
     regions: list[BaseGeometry]
-    dropped: tuple[PrintedPiece, ...]
-    bridged: tuple[PrintedPiece, ...]
+    dropped: tuple[PanelRegion, ...]
+    bridged: tuple[PanelRegion, ...]
     filled: tuple[PanelRegion, ...]
     island_area: float
 
@@ -84,7 +84,7 @@ class Panels:
         """Return the print inside each outline, of the print on each panel."""
         return list(regions)
 
-    def islands(self, laid: Regions, limits: PrintLimits) -> list[PrintedPiece]:
+    def islands(self, laid: Regions, limits: PrintLimits) -> list[PanelRegion]:
         """Return the free islands, the largest first; of those that repeat one."""
         return [p for p in find_pieces(self.pattern, laid, limits.contact) if not p.attached]
 
@@ -188,7 +188,7 @@ def _clean(
     width = BRIDGE * limits.width
     if smoothing is not None:
         width = max(width, SEEN * smoothing)
-    islands, bridged = domain.islands(made, limits), list[PrintedPiece]()
+    islands, bridged = domain.islands(made, limits), list[PanelRegion]()
     for panel in sorted({island.panel for island in islands}):
         outline, pieces = domain.outlines[panel], [p for p in islands if p.panel == panel]
         free = shapely.union_all([domain.images(piece.polygon) for piece in pieces])

@@ -8,7 +8,6 @@ from scipy.ndimage import gaussian_filter1d
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import ParameterError
 from toros_fem.making.print.polygons import changed_border
 from toros_fem.meshes.panels import polygons_of
 from toros_fem.meshes.pattern import Pattern
@@ -31,20 +30,8 @@ def printed_regions(
 
     Each triangle is split into three at its centroid. The density is linear on each third, so that
     the values ρ̃ at flat points, (m,), and at centroids, (t,), are met exactly.
-
-    Raises:
-        ParameterError: The values do not fit the pattern, or are not finite.
     """
     count = len(pattern.flat_points)
-    for name, array, size in (
-        ("at_points", at_points, count),
-        ("at_centroids", at_centroids, len(pattern.panel)),
-    ):
-        if np.shape(array) != (size,) or not np.all(np.isfinite(array)):
-            raise ParameterError(
-                f"{name} has shape {np.shape(array)}; it must hold {size} finite values, one for "
-                "each."
-            )
     points = np.concatenate([pattern.flat_points, pattern.centroids])
     value = np.concatenate([at_points, at_centroids]) - threshold
     value[np.abs(value) < SNAP] = 0

@@ -21,20 +21,7 @@ TOUCHING = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class PanelRegion:
-    """A polygon in m on a panel, given by its number: a piece of print, or a hole in it."""
-
-    panel: int
-    polygon: BaseGeometry
-
-    @property
-    def area(self) -> float:
-        """Area in m²."""
-        return float(self.polygon.area)
-
-
-@dataclass(frozen=True, eq=False)
-class PrintedPiece(PanelRegion):
-    """A connected printed region of one panel.
+    """A polygon in m on a panel, given by its number: a connected piece of print, or a hole in it.
 
     Attributes:
         main: Whether it is the main body, the largest piece of its panel. The others are islands.
@@ -42,11 +29,18 @@ class PrintedPiece(PanelRegion):
             not attached is free.
     """
 
-    main: bool
-    attached: bool
+    panel: int
+    polygon: BaseGeometry
+    main: bool = False
+    attached: bool = False
+
+    @property
+    def area(self) -> float:
+        """Area in m²."""
+        return float(self.polygon.area)
 
 
-def find_pieces(pattern: Pattern, regions: Regions, contact: float = 0.0) -> list[PrintedPiece]:
+def find_pieces(pattern: Pattern, regions: Regions, contact: float = 0.0) -> list[PanelRegion]:
     """Return the printed pieces of all panels, the largest first.
 
     They are connected where they meet at seams along a length in m, the contact.
@@ -61,7 +55,7 @@ def find_pieces(pattern: Pattern, regions: Regions, contact: float = 0.0) -> lis
     body = linked(links[:, 0], links[:, 1], len(parts)) if len(parts) else panel
     attached = np.isin(body, body[main])
     return [
-        PrintedPiece(int(p), part, bool(m), bool(a))
+        PanelRegion(int(p), part, bool(m), bool(a))
         for p, part, m, a in zip(panel, parts, main, attached, strict=True)
     ]
 

@@ -77,7 +77,4 @@ def regions_of(archive: Archive, panels: int) -> list[BaseGeometry]:
     if not fits or sizes.sum() != data.nbytes:
         raise FileError("the polygons do not fit the panels")
     text, stops = data.tobytes(), np.cumsum(sizes)
-    try:
-        return [shapely.from_wkb(text[b - n : b]) for b, n in zip(stops, sizes, strict=True)]
-    except shapely.errors.ShapelyError as caught:
-        raise FileError(f"the polygons cannot be read ({caught})") from None
+    return [shapely.from_wkb(text[b - n : b]) for b, n in zip(stops, sizes, strict=True)]

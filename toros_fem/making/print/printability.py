@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.validation import require_positive
-from toros_fem.making.print.islands import PanelRegion, PrintedPiece, find_holes, find_pieces
+from toros_fem.making.print.islands import PanelRegion, find_holes, find_pieces
 from toros_fem.making.print.regions import BEYOND, beyond_seams
 from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.panels import cut_by_triangles
@@ -71,19 +71,19 @@ class Printability:
         border_length: Length of the border of the print in m, without the cut edge of the panel.
     """
 
-    pieces: tuple[PrintedPiece, ...]
+    pieces: tuple[PanelRegion, ...]
     holes: tuple[PanelRegion, ...]
     lines: Widths
     gaps: Widths
     border_length: float
 
     @property
-    def islands(self) -> tuple[PrintedPiece, ...]:
+    def islands(self) -> tuple[PanelRegion, ...]:
         """All pieces but the largest one of each panel."""
         return tuple(piece for piece in self.pieces if not piece.main)
 
     @property
-    def free_islands(self) -> tuple[PrintedPiece, ...]:
+    def free_islands(self) -> tuple[PanelRegion, ...]:
         """Islands that are not connected to a main body, not even across seams."""
         return tuple(island for island in self.islands if not island.attached)
 

@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.packages import required
 from toros_fem.making.options import DEFAULT, OUTLINES, R12, ManufactureOptions
-from toros_fem.making.packages import required
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.svg import Layer, Svg, open_line
 from toros_fem.making.sheets.layout import LAYERS, Sheet

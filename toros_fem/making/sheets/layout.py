@@ -71,21 +71,26 @@ class Sheet:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
-    """Places of all panels on the printer's beds and on the sheets of fabric.
+class Manufacture:
+    """What is made of a design: panels on the printer's beds and on the sheets of fabric.
 
-    The fabric is fixed to the bed, printed, and cut afterwards. On a sheet larger than the
-    bed several beds lie beside each other in a grid, and the fabric is moved on between two prints.
+    Files, manifest and page show it. The fabric is fixed to the bed, printed, and cut afterwards.
+    On a sheet larger than the bed several beds lie beside each other in a grid, and the fabric is
+    moved on between two prints.
 
     Attributes:
+        options: Settings of the files.
+        seams: Seams between the panels.
         drawings: The panels in their own coordinates.
         placements: Their places on the beds; `Placement.sheet` is the number of the bed.
         bed, sheet: Width and depth in m of the part of the bed that is used, and of a sheet.
         grid: Numbers of beds on a sheet, along its width and its depth.
     """
 
-    drawings: tuple[PanelDrawing, ...]
-    placements: tuple[Placement, ...]
+    options: ManufactureOptions
+    seams: Sequence[SewnSeam]
+    drawings: Sequence[PanelDrawing]
+    placements: Sequence[Placement]
     bed: tuple[float, float]
     sheet: tuple[float, float]
     grid: tuple[int, int]
@@ -123,15 +128,29 @@ class Layout:
         return sheet, (column * self.bed[0], row * self.bed[1])
 
 
-def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions = DEFAULT) -> Layout:
-    """Return the places of panels, in own coordinates, on beds and sheets; errors as of `nest`.
+def placing_fault(pattern: Pattern) -> str | None:
+    """Return why the panels of a whole pattern fit on no sheet of the default size, or None."""
+    try:
+        manufacture(pattern, [MultiPolygon()] * len(pattern.panel_names), ManufactureOptions())
+    except OutlineError as error:
+        return str(error)
+    except TorosError:  # of a package or of the pattern: told where the files are made
+        return None
+    return None
+
+
+def manufacture(
+    pattern: Pattern, regions: Regions, options: ManufactureOptions = DEFAULT
+) -> Manufacture:
+    """Return what is made of a design on a whole pattern; errors as of `sewn_seams` and `nest`.
 
     Copies of a panel follow after all panels, with a number after their name.
     """
+    pattern, regions = printed_face(pattern, regions, options)
     drawings = [
         one if copy == 1 else replace(one, name=f"{one.name} ({copy})")
         for copy in range(1, options.copies + 1)
-        for one in drawings
+        for one in panel_drawings(pattern, regions, options)
     ]
     if len(drawings) > MANY:
         log.info("placing %d panels, which takes minutes", len(drawings))
@@ -147,38 +166,5 @@ def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions = DEFAU
         grain=options.drawn_grain,
     )
     columns, rows = (int(whole / part + 1e-9) for whole, part in zip(sheet, used, strict=True))
-    return Layout(tuple(drawings), tuple(placements), used, sheet, (columns, rows))
-
-
-@dataclass(frozen=True, eq=False)
-class Manufacture:
-    """What is made of a design; files, manifest and page show it.
-
-    Attributes:
-        layout: Panels on beds and sheets.
-    """
-
-    options: ManufactureOptions
-    layout: Layout
-    seams: Sequence[SewnSeam]
-
-
-def placing_fault(pattern: Pattern) -> str | None:
-    """Return why the panels of a whole pattern fit on no sheet of the default size, or None."""
-    try:
-        manufacture(pattern, [MultiPolygon()] * len(pattern.panel_names), ManufactureOptions())
-    except OutlineError as error:
-        return str(error)
-    except TorosError:  # of a package or of the pattern: told where the files are made
-        return None
-    return None
-
-
-def manufacture(pattern: Pattern, regions: Regions, options: ManufactureOptions) -> Manufacture:
-    """Return what is made of a design on a whole pattern; errors as of `sewn_seams` and `nest`."""
-    pattern, regions = printed_face(pattern, regions, options)
-    return Manufacture(
-        options=options,
-        layout=layout(panel_drawings(pattern, regions, options), options),
-        seams=sewn_seams(pattern),
-    )
+    seams = sewn_seams(pattern)
+    return Manufacture(options, seams, drawings, placements, used, sheet, (columns, rows))

@@ -62,7 +62,7 @@ def manifest(
     The summary is the run's, for materials, pressure and metrics; others are names of files beside
     those that are made.
     """
-    places, options = made.layout, made.options
+    options = made.options
     run = dict(summary or {})
     inputs = run.get("inputs") or {}
     height, source = print_height(inputs)
@@ -72,9 +72,9 @@ def manifest(
         "version": VERSION,
         "files": [file.as_dict() for file in files],
         "others": list(others),
-        "beds": [_sheet(bed, options) for bed in places.beds],
-        "sheets": [_sheet(sheet, options) for sheet in places.sheets],
-        "panels": [_panel(one, options) for one in places.drawings],
+        "beds": [_sheet(bed, options) for bed in made.beds],
+        "sheets": [_sheet(sheet, options) for sheet in made.sheets],
+        "panels": [_panel(one, options) for one in made.drawings],
         "placements": [
             {
                 "panel": on_bed.panel,
@@ -84,13 +84,13 @@ def manifest(
                 "sheet": on_sheet.sheet + 1,
                 "offset_on_sheet_mm": _mm(on_sheet.offset),
             }
-            for on_bed, on_sheet in zip(places.placements, places.on_sheets, strict=True)
+            for on_bed, on_sheet in zip(made.placements, made.on_sheets, strict=True)
         ],
         "seams": [_seam(seam, made) for seam in made.seams],
         "print": {
             "height_mm": 1e3 * options.layer_height,
             "height_from": source if options.layer_height == height else OPTIONS,
-            **_print(places.drawings, options),
+            **_print(made.drawings, options),
         },
         "options": options.as_dict(),
         "materials": {name: inputs[name] for name in MATERIALS if name in inputs},
@@ -127,7 +127,7 @@ def _sheet(sheet: Sheet, options: ManufactureOptions) -> dict[str, Any]:
 def _panel(one: PanelDrawing, options: ManufactureOptions) -> dict[str, Any]:
     return {
         "name": one.name,
-        "cut_size_mm": _size_of_cut(one),
+        "cut_size_mm": _mm(np.ptp(np.reshape(one.cut.bounds, (2, 2)), axis=0)),
         "area_mm2": 1e6 * float(one.outline.area),
         "cut_area_mm2": 1e6 * float(one.cut.area),
         "seams": sorted({seam.number for seam in one.seams}),
@@ -137,7 +137,7 @@ def _panel(one: PanelDrawing, options: ManufactureOptions) -> dict[str, Any]:
 
 
 def _seam(seam: SewnSeam, made: Manufacture) -> dict[str, Any]:
-    names, options = [one.name for one in made.layout.drawings], made.options
+    names, options = [one.name for one in made.drawings], made.options
     # Where the cut is the seam line there are no notches.
     cut_on_line = options.seam_allowance is None
     notches = () if cut_on_line else notch_arcs(seam.length, options.notch_distance)
@@ -159,10 +159,6 @@ def _print(drawings: Sequence[PanelDrawing], options: ManufactureOptions) -> dic
         "print_volume_mm3": 1e9 * volume,
         "print_mass_g": 1e3 * volume * options.print_density,
     }
-
-
-def _size_of_cut(one: PanelDrawing) -> list[float]:
-    return _mm(np.ptp(np.reshape(one.cut.bounds, (2, 2)), axis=0))
 
 
 def _mm(lengths: Iterable[float]) -> list[float]:

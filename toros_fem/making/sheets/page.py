@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from toros_fem.making.packages import required, template
+from toros_fem.base.packages import required, template
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.svg import Svg
 from toros_fem.making.sheets.layout import Manufacture, Sheet
@@ -34,7 +34,7 @@ def page(
     summary: Mapping[str, Any] | None = None,
 ) -> str:
     """Return the page, with a title, as HTML that needs no other file."""
-    safe, places = required("markupsafe").Markup, made.layout
+    safe = required("markupsafe").Markup
 
     def drawn(draw: Callable[[Sheet, str], str], sheets: Sequence[Sheet], what: str) -> list[str]:
         return [safe(draw(sheet, f"{what} {k}")) for k, sheet in enumerate(sheets, 1)]
@@ -42,12 +42,12 @@ def page(
     shown: str = template("toros_fem.making.sheets", NAME).render(
         title=title,
         made=manifest,
-        corners=[places.bed_on_sheet(k)[1] for k in range(len(places.beds))],
-        beds_on_sheet=places.grid[0] * places.grid[1],
+        corners=[made.bed_on_sheet(k)[1] for k in range(len(made.beds))],
+        beds_on_sheet=made.grid[0] * made.grid[1],
         pictures={
-            "beds": drawn(sheet_picture, places.beds, "bed"),
-            "sheets": drawn(sheet_picture, places.sheets, "sheet"),
-            "seams": drawn(seam_picture, places.sheets, "seams on sheet"),
+            "beds": drawn(sheet_picture, made.beds, "bed"),
+            "sheets": drawn(sheet_picture, made.sheets, "sheet"),
+            "seams": drawn(seam_picture, made.sheets, "seams on sheet"),
         },
         colour_of=seam_colour,
         height_unknown=manifest["print"]["height_from"] == ONE_SHEET,

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutlineError
-from toros_fem.making.packages import required
+from toros_fem.base.packages import required
 from toros_fem.meshes.affine import Affine
 
 # Direction of the grain on every sheet, in rad from x: along the roll.

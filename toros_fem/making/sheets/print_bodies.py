@@ -6,7 +6,6 @@ import ctypes
 import locale
 import uuid
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import PatternError
-from toros_fem.base.validation import require_between, require_positive
+from toros_fem.base.packages import required
 from toros_fem.making.options import DEFAULT, ManufactureOptions
-from toros_fem.making.packages import required
 from toros_fem.making.panels.marks import cross_shapes
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 
@@ -31,13 +28,9 @@ CROSS_LINE = 0.2
 PRINT, COLOUR = "print", (30, 30, 30, 255)
 
 
-@dataclass(frozen=True, eq=False)
-class PrintBody:
-    """A closed body in m: triangles that are counter-clockwise seen from outside, (t, 3)."""
-
-    name: str
-    vertices: Floats
-    triangles: Ints
+PrintBody = tuple[str, Floats, Ints]
+"""Name of a closed body, its vertices (n, 3) in m, and its triangles (t, 3), counter-clockwise seen
+from outside."""
 
 
 def print_bodies(
@@ -49,17 +42,17 @@ def print_bodies(
     show a cutter with a camera where the print lies.
     """
     height, base = options.layer_height, options.fabric_offset or 0.0
-    found = []
+    found: list[PrintBody] = []
     for drawing in drawings:
         if drawing.printed.is_empty:
             continue
-        found.append(PrintBody(drawing.name, *print_body(drawing.printed, height, base)))
+        found.append((drawing.name, *print_body(drawing.printed, height, base)))
         if len(drawing.crosses):
             bars = shapely.linestrings(cross_shapes(drawing.crosses, drawing.cross_size))
             wide = CROSS_LINE * drawing.cross_size / 2
             region = shapely.union_all(shapely.buffer(bars, wide, cap_style="flat"))
             marks = print_body(region, height, base)
-            found.append(PrintBody(f"{drawing.name} registration", *marks))
+            found.append((f"{drawing.name} registration", *marks))
     return found
 
 
@@ -68,17 +61,8 @@ def print_body(region: BaseGeometry, height: float, base: float = 0.0) -> tuple[
 
     Corners are rounded to 0.1 µm. Parts that touch at a point only are separated by a cut of 10 µm,
     since four faces would meet at the edge above it.
-
-    Raises:
-        ParameterError: The height is not positive, or the base is negative.
-        PatternError: The region is empty.
     """
-    require_positive(height=height)
-    require_between(0.0, np.inf, base=base)
-    polygons = separated(region)
-    if polygons.is_empty:
-        raise PatternError("a print body needs a region, but nothing is printed there.")
-    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons))
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(separated(region)))
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     # Corners are found again by their places on the grid.
     places, number = np.unique(
@@ -116,7 +100,7 @@ def separated(region: BaseGeometry) -> BaseGeometry:
 
 def stl_of(bodies: Sequence[PrintBody]) -> bytes:
     """Return bodies as one binary STL file; its numbers are in mm."""
-    corners = np.concatenate([1e3 * body.vertices[body.triangles] for body in bodies])
+    corners = np.concatenate([1e3 * vertices[triangles] for _, vertices, triangles in bodies])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     faces = np.zeros(
         len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("further", "<u2")]
@@ -136,12 +120,11 @@ def threemf_of(bodies: Sequence[PrintBody]) -> bytes:
     material = group.AddMaterial(PRINT, wrapper.RGBAToColor(*COLOUR))
     point: Any = ctypes.c_float * 3
     corners: Any = ctypes.c_uint32 * 3
-    for number, body in enumerate(bodies):
+    for number, (name, vertices, triangles) in enumerate(bodies):
         item = model.AddMeshObject()
-        item.SetName(body.name)
-        vertices = [lib3mf.Position(point(*corner)) for corner in 1e3 * body.vertices]
-        triangles = [lib3mf.Triangle(corners(*ends.tolist())) for ends in body.triangles]
-        item.SetGeometry(vertices, triangles)
+        item.SetName(name)
+        places = [lib3mf.Position(point(*corner)) for corner in 1e3 * vertices]
+        item.SetGeometry(places, [lib3mf.Triangle(corners(*ends.tolist())) for ends in triangles])
         item.SetObjectLevelProperty(group.GetResourceID(), material)
         # By default identifiers are random, and equal prints would differ.
         item.SetUUID(_identifier(f"object {number}"))

@@ -106,12 +106,12 @@ def made_before(folder: Path) -> list[Path]:
 
 def machine_files(made: Manufacture) -> Iterator[MadeFile]:
     """Yield each file for printer and cutter."""
-    for bed, sheet in enumerate(made.layout.beds, 1):
+    for bed, sheet in enumerate(made.beds, 1):
         bodies = print_bodies(sheet.drawings, made.options)
         for end, written in PRINTS.items() if bodies else ():
             shows = f"print of bed {bed}, in mm"
             yield MadeFile(f"print_{bed}.{end}", "print", shows, written(bodies), bed=bed)
-    for number, sheet in enumerate(made.layout.sheets, 1):
+    for number, sheet in enumerate(made.sheets, 1):
         for end, cut in CUTS.items():
             shows = f"cut of sheet {number}, in mm, in layers"
             yield MadeFile(

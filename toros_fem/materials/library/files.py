@@ -58,16 +58,11 @@ def named(
     That tells the nearest name, or that the material is of another kind.
     """
     known = [one for one, entry in library.items() if kind in (None, entry.kind)]
-    if name not in library:
-        raise FileError(
-            f"{name!r} is no {kind or 'material'} of the library; {nearest(name, known)} `toros "
-            "materials` lists all."
-        )
     if name not in known:
-        raise FileError(
-            f"{name!r} is a {library[name].kind}, and a {kind} is asked for; known are "
-            f"{', '.join(known) or 'none'}."
-        )
+        what = f"is no {kind or 'material'} of the library"
+        if name in library:
+            what = f"is a {library[name].kind}, and a {kind} is asked for"
+        raise FileError(f"{name!r} {what}; {nearest(name, known)} `toros materials` lists all.")
     return library[name]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NoReturn
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError, SurfaceError
 from toros_fem.base.validation import (
     checked_floats,
+    checked_names,
     require_flag,
-    require_kind,
     whole_numbers,
 )
 from toros_fem.mechanics.contact.library import collision_mesh, ipctk
@@ -45,9 +44,7 @@ class RigidBody:
     free: bool = False
 
     def __post_init__(self) -> None:
-        require_kind("name", self.name, str, "a text")
-        if not self.name:
-            raise ParameterError("a rigid body has an empty name; give one.")
+        checked_names("name", [self.name])
         require_flag(free=self.free)
         try:
             surface = _closed(self.points, self.triangles)
@@ -106,23 +103,23 @@ class RigidBody:
         steps = np.einsum("nij,ni->nj", axes, pushes) * kept / np.where(kept, values, 1.0)
         inner = points - depth * np.einsum("nij,nj->ni", axes, steps)
         over = np.einsum("ij,ij->i", normals(inner, triangles), normal) <= 0
+        fault = ""
         if over.any():
             place = points[triangles[np.argmax(over)]].mean(axis=0)
-            self._refuse(depth, f"{over.sum()} triangles turn over, the first at {place} m")
-        if depth > 0 and self._crosses(inner) and not self._crosses(points):
-            self._refuse(depth, "two of its walls cross")
+            fault = f"{over.sum()} triangles turn over, the first at {place} m"
+        elif depth > 0 and self._crosses(inner) and not self._crosses(points):
+            fault = "two of its walls cross"
+        if fault:
+            raise ParameterError(
+                f"depth = {depth:g} m: moved inwards by it, rigid body {self.name!r} is no body "
+                f"any more: {fault}. It is thinner or sharper there than the sheet can feel: give "
+                "it no walls, edges or roundings finer than twice the depth, or a thinner sheet."
+            )
         return np.asarray(inner)
 
     def _crosses(self, points: Floats) -> bool:
         mesh = collision_mesh(points, self.triangles)
         return bool(ipctk().has_intersections(mesh, np.asfortranarray(points)))
-
-    def _refuse(self, depth: float, what: str) -> NoReturn:
-        raise ParameterError(
-            f"depth = {depth:g} m: moved inwards by it, rigid body {self.name!r} is no body any "
-            f"more: {what}. It is thinner or sharper there than the sheet can feel: give it no "
-            "walls, edges or roundings finer than twice the depth, or a thinner sheet."
-        )
 
 
 def _closed(points: Floats, triangles: Ints) -> Surface:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import MissingPackageError
+from toros_fem.base.packages import required
 
 
 def ipctk() -> Any:
@@ -16,13 +16,7 @@ def ipctk() -> Any:
     Raises:
         MissingPackageError: It is not installed.
     """
-    try:
-        import ipctk as module
-    except ImportError as error:
-        raise MissingPackageError(
-            "contact needs the IPC Toolkit: install it in the checkout, pip install '.[contact]', "
-            "or leave the contact out."
-        ) from error
+    module = required("ipctk", "contact")
     module.set_num_threads(1)
     module.set_logger_level(module.LoggerLevel.error)
     return module

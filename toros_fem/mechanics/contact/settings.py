@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
+    checked_bools,
     checked_floats,
+    checked_list,
+    checked_names,
     require_flag,
     require_kind,
     require_positive,
@@ -81,19 +82,11 @@ class Contact:
         grounds = () if self.ground is None else self.ground
         if isinstance(grounds, Ground):
             grounds = (grounds,)
-        if not isinstance(grounds, list | tuple):
-            raise ParameterError(f"ground = {grounds!r} must be a Ground, several, or None.")
-        for ground in grounds:
-            require_kind("ground", ground, Ground, "a Ground, by Ground(point, normal)")
-        object.__setattr__(self, "ground", tuple(grounds))
-        if not isinstance(self.bodies, list | tuple):
-            raise ParameterError(f"bodies = {self.bodies!r} must be a list of RigidBody.")
-        for body in self.bodies:
-            require_kind("bodies", body, RigidBody, "a RigidBody, by rigid_sphere for instance")
-        object.__setattr__(self, "bodies", tuple(self.bodies))
-        names = [body.name for body in self.bodies]
-        if len(set(names)) < len(names):
-            raise ParameterError(f"bodies are named {names}; each needs a name of its own.")
+        what = "Grounds, by Ground(point, normal), or None"
+        object.__setattr__(self, "ground", checked_list("ground", grounds, Ground, what))
+        what = "RigidBodies, by rigid_sphere for instance"
+        object.__setattr__(self, "bodies", checked_list("bodies", self.bodies, RigidBody, what))
+        checked_names("names of bodies", [body.name for body in self.bodies])
         require_flag(self_contact=self.self_contact)
         names = ["friction", "thickness", "distance", "stiffness", "slip"]
         given = {name: getattr(self, name) for name in names}
@@ -177,18 +170,10 @@ class Pads:
     backward: float = 0.8
 
     def __post_init__(self) -> None:
-        require_positive(forward=self.forward, backward=self.backward)
-        if self.forward > self.backward:
-            raise ParameterError(
-                f"forward = {self.forward:g} must be at most backward = {self.backward:g}: turn "
-                "the direction round."
-            )
-        vertices = np.array(self.vertices)
-        if vertices.dtype != bool or vertices.ndim != 1 or not vertices.any():
-            raise ParameterError(
-                "vertices must be True or False for each assembled vertex, (n,), and True for one "
-                "at least."
-            )
+        require_positive(backward=self.backward)
+        require_positive(at_most=self.backward, forward=self.forward)
+        shape = (len(self.vertices),)
+        vertices = checked_bools("vertices", self.vertices, "assembled vertex", shape).copy()
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
         given = unit_vector("direction", self.direction)

@@ -9,7 +9,13 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import checked_names, require_kind, require_names, whole_numbers
+from toros_fem.base.validation import (
+    NAMES,
+    checked_list,
+    checked_names,
+    require_kind,
+    whole_numbers,
+)
 from toros_fem.measures.rotation import skew
 from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
@@ -34,11 +40,9 @@ class Chambers:
     of_cell: Ints
 
     def __post_init__(self) -> None:
-        names = checked_names("names", self.names)
+        names = checked_names("names", self.names, least=1)
         of_cell = whole_numbers("of_cell", self.of_cell, "one chamber for each triangle").copy()
         of_cell.setflags(write=False)
-        if not names:
-            raise ParameterError("names = () must name each chamber, and at least one.")
         last = len(names) - 1
         if of_cell.ndim != 1 or not np.array_equal(np.unique(of_cell), np.arange(last + 1)):
             found = np.unique(of_cell)
@@ -67,17 +71,17 @@ def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) ->
         PanelError: A panel of that name does not exist.
     """
     require_kind("panels", panels, Mapping, "a mapping from chambers to lists of panels")
-    of_panel = np.full(len(pattern.panel_names), -1)
+    of_panel, times = np.zeros((2, len(pattern.panel_names)), dtype=np.int64)
     for chamber, members in enumerate(panels.values()):
-        require_names(f"panels of chamber {chamber}", members)
+        checked_list(f"panels of chamber {chamber}", members, str, NAMES)
         for name in members:
-            index = pattern.panel_index(name)
-            if of_panel[index] >= 0:
-                raise ParameterError(f"panel {name!r} is given twice; it bounds one chamber only.")
-            of_panel[index] = chamber
-    if (of_panel < 0).any():
-        name = pattern.panel_names[int(np.argmin(of_panel))]
-        raise ParameterError(f"panel {name!r} belongs to no chamber; give it to one.")
+            of_panel[pattern.panel_index(name)] = chamber
+            times[pattern.panel_index(name)] += 1
+    if (times != 1).any():
+        k = int(np.argmax(times != 1))
+        raise ParameterError(
+            f"panel {pattern.panel_names[k]!r} is given {times[k]} times; it bounds one chamber."
+        )
     return Chambers(tuple(panels), of_panel[pattern.panel])
 
 

@@ -11,9 +11,7 @@ from dolfinx import fem
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import together
-from toros_fem.base.validation import (
-    real_numbers,
-)
+from toros_fem.base.validation import checked_floats
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite
@@ -45,9 +43,8 @@ def check_density(skin: Skin, density: Any) -> Floats:
 
 def _checked_density(skin: Skin, density: Any) -> Floats:
     owned = len(skin.owned_cells)
-    found = real_numbers("density", density, "one for each owned triangle", ParameterError)
-    if found.shape != (owned,):
-        raise ParameterError(f"density has shape {found.shape}; this rank owns {owned} triangles.")
+    what = "one for each owned triangle"
+    found = checked_floats("density", density, what, (owned,), finite=False)
     outside = ~((found >= 0) & (found <= 1))
     if outside.any():
         k = int(np.flatnonzero(outside)[0])
@@ -146,20 +143,8 @@ class LineDesign(Densities):
 
     @override
     def check(self, design: Any) -> Floats:
-        with together(self.skin.comm):
-            return self._checked(design)
-
-    def _checked(self, design: Any) -> Floats:
-        skin, count = self.skin, self.families
-        shape = (len(skin.owned_cells), 1 + 3 * count)
-        if np.shape(design) != shape:
-            raise ParameterError(
-                f"the design has shape {np.shape(design)}; on this rank it must be {shape}: "
-                f"density, shares, cosines and sines of {count} families."
-            )
-        design = np.asarray(design)
-        _checked_density(skin, design[:, 0])
-        return design
+        check_density(self.skin, design[:, 0])
+        return np.asarray(design)
 
     @override
     def set(self, design: Floats) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, PatternError
-from toros_fem.base.validation import checked_floats, real_numbers, require_finite
+from toros_fem.base.validation import checked_floats, require_finite
 from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import surface_areas
@@ -56,18 +56,16 @@ class Load:
         """
         pattern, supports, chambers = model.skin.pattern, model.supports, model.chamber_count
         what = "in Pa, one for all chambers or one for each"
-        values = real_numbers("pressure", self.pressure, what)
+        shapes = ((), (chambers,))
+        values = checked_floats(
+            "pressure", self.pressure, what, lambda shape: shape in shapes, finite=False
+        )
         weight = 1.0 if self.weight_fraction is None else self.weight_fraction
         require_finite(weight_fraction=weight)
         admissible = np.isfinite(values) & (values >= 0)
         if not admissible.all():
             wrong = float(values[~admissible].ravel()[0])
             raise ParameterError(f"pressure = {wrong} Pa must be finite and at least 0.")
-        if values.shape not in ((), (chambers,)):
-            raise ParameterError(
-                f"pressure has shape {values.shape}; it must be one number in Pa, or one for each "
-                f"of the {chambers} chambers."
-            )
         planes, points = Planes(pattern, supports), pattern.points.shape
         if values.any():
             if not planes.close:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.meshes.makers.tile import Tile
 
 # Components of F̄, rows n, t, z and columns n, t: a sheet that is pulled along n and free across.
@@ -32,21 +31,6 @@ class Periodic:
     tile: Tile
     prescribed: tuple[tuple[bool, bool], ...] = UNIAXIAL
     flat: bool = True
-
-    def __post_init__(self) -> None:
-        prescribed = np.array(self.prescribed, dtype=object)  # rows may be of different lengths
-        if prescribed.shape != (3, 2) or not all(
-            isinstance(h, bool | np.bool_) for h in prescribed.flat
-        ):
-            raise ParameterError(
-                f"prescribed has shape {prescribed.shape}; it must be 3 × 2 of True or False, one "
-                "for each component of the mean deformation gradient."
-            )
-        if not (prescribed[2].all() and (prescribed[1, 0] or prescribed[0, 1])):
-            raise ParameterError(
-                "the mean deformation gradient may turn the tile: prescribe its z components, "
-                "and that along t of the column n, or that along n of the column t."
-            )
 
     @property
     def length(self) -> float:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import permutations, product
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,14 +12,14 @@ from scipy.spatial import cKDTree
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
+    NAMES,
+    checked_bools,
     checked_floats,
-    is_number,
-    real_numbers,
+    checked_list,
     require_callable,
+    require_count,
     require_finite,
     require_kind,
-    require_names,
-    shown,
     whole_numbers,
 )
 from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
@@ -56,33 +55,14 @@ class Supports:
     planes: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self) -> None:
-        fixed = np.asarray(self.fixed)
-        if fixed.dtype != bool or fixed.ndim != 2 or fixed.shape[1] != 3:
-            raise ParameterError(
-                f"fixed = {shown(self.fixed)} must be True or False for each component, (n, 3). "
-                "clamp and clamp_where make it."
-            )
+        fixed = checked_bools("fixed", self.fixed, "component", (len(self.fixed), 3))
         guided = whole_numbers("guided", self.guided, "ends of free edges, (k, 2)")
-        normals = real_numbers("normals", self.normals, "normals of planes, (k, 3)")
+        shape = (len(guided), 3)
+        normals = checked_floats("normals", self.normals, f"of shape {shape}, as guided", shape)
         moved = self.displacement
         if moved is not None:
             what = f"finite and of shape {fixed.shape}, in m, one row for each assembled vertex"
             moved = checked_floats("displacement", moved, what, fixed.shape)
-        listed = isinstance(self.planes, list | tuple)
-        if not listed or not all(map(_is_plane, self.planes)):
-            raise ParameterError(
-                f"planes = {shown(self.planes)} must be a list of pairs: axis 0, 1 or 2, and "
-                "coordinate in m. symmetry_plane makes them."
-            )
-        pairs = guided.ndim == 2 and guided.shape[1] == 2
-        if not pairs or normals.shape != (len(guided), 3):
-            raise ParameterError(
-                f"guided has shape {guided.shape} and normals {normals.shape}; they must be "
-                "(k, 2) and (k, 3)."
-            )
-        length = np.linalg.norm(normals, axis=1)
-        if not (np.isfinite(length) & (length > 0)).all():
-            raise ParameterError("each row of normals must be finite and not zero.")
         checked = (fixed, guided, normals, moved, tuple(self.planes))
         for one, value in zip(fields(self), checked, strict=True):
             object.__setattr__(self, one.name, value)
@@ -136,50 +116,46 @@ class Supports:
 
         Guided edges act where the sheet resists bending, not on a membrane.
         """
+        for fault in self._faults(pattern, bends=bends):
+            raise ParameterError(fault)
+
+    def _faults(self, pattern: Pattern, *, bends: bool) -> Iterator[str]:
+        """Yield why they do not hold a skin of a pattern, as sentences."""
         points = pattern.points
         if self.fixed.shape != points.shape:
-            raise ParameterError(
+            yield (
                 f"supports.fixed has shape {self.fixed.shape}; this skin needs {points.shape}. "
                 "Make the supports from its own pattern."
             )
-        self._check_guides(pattern)
-        motions = _rigid_motions(_arms(points, pattern.size))[self.fixed]
-        if bends:  # a guided edge does not let the sheet turn about it
-            along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
-            guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
-            motions = np.concatenate([motions, guides])
-        rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
-        if rank < 6:
-            raise ParameterError(
-                f"the supports fix {self.fixed.sum()} components and leave {6 - rank} of the 6 "
-                "rigid motions free, so that the skin could float away. Fix more components."
-            )
-
-    def _check_guides(self, pattern: Pattern) -> None:
-        points = pattern.points
         free, guided = (edge_keys(e, len(points)) for e in (pattern.free_edges, self.guided))
         inside = ~np.isin(guided, free)
         if inside.any():
             a, b = self.guided[np.flatnonzero(inside)[0]]
-            raise ParameterError(
+            yield (
                 f"guided contains the edge between vertices {a} and {b}, which is no free edge of "
                 "this pattern. Inside the skin fix vertices on both sides of the edge instead."
             )
         along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
         lengths = np.linalg.norm(along, axis=1) * np.linalg.norm(self.normals, axis=1)
-        askew = np.abs(np.einsum("ij,ij->i", along, self.normals)) > SQUARE * lengths
+        square = np.abs(np.einsum("ij,ij->i", along, self.normals)) <= SQUARE * lengths
+        askew = ~(square & (lengths > 0))
         if askew.any():
             k = int(np.flatnonzero(askew)[0])
-            raise ParameterError(
+            yield (
                 f"the normal {self.normals[k]} of the guided edge between vertices "
                 f"{self.guided[k, 0]} and {self.guided[k, 1]} is not perpendicular to it: the "
                 "plane that mirrors the sheet there must go through the edge."
             )
-
-
-def _is_plane(plane: Any) -> bool:
-    pair = isinstance(plane, list | tuple) and len(plane) == 2
-    return pair and plane[0] in (0, 1, 2) and is_number(plane[1])
+        motions = _rigid_motions(_arms(points, pattern.size))[self.fixed]
+        if bends:  # a guided edge does not let the sheet turn about it
+            guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
+            motions = np.concatenate([motions, guides])
+        rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
+        if rank < 6:
+            yield (
+                f"the supports fix {self.fixed.sum()} components and leave {6 - rank} of the 6 "
+                "rigid motions free, so that the skin could float away. Fix more components."
+            )
 
 
 def _arms(points: Floats, size: float) -> Floats:
@@ -206,7 +182,7 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
         PanelError: A panel of that name does not exist.
     """
     fixed = _none_fixed(pattern)
-    require_names("panels", panels)
+    checked_list("panels", panels, str, NAMES)
     if not panels:
         raise ParameterError("panels = () fixes nothing; name a panel to clamp.")
     for name in panels:
@@ -222,12 +198,8 @@ def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
     """
     fixed = _none_fixed(pattern)
     require_callable("where", where, "a function of the positions (n, 3)")
-    inside = np.asarray(where(pattern.points.copy()))
-    if inside.dtype != bool or inside.shape != (len(pattern.points),):
-        raise ParameterError(
-            f"where returned {inside.dtype} of shape {inside.shape}; it must return True or False "
-            f"for each of the {len(pattern.points)} vertices."
-        )
+    found = where(pattern.points.copy())
+    inside = checked_bools("the result of where", found, "vertex", fixed.shape[:1])
     if not inside.any():
         low, high = pattern.points.min(axis=0), pattern.points.max(axis=0)
         raise ParameterError(
@@ -288,8 +260,7 @@ def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
     of a section of a skin that repeats. No free edge in the plane is a ParameterError.
     """
     fixed = _none_fixed(pattern)
-    if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or axis not in (0, 1, 2):
-        raise ParameterError(f"axis = {shown(axis)} must be 0, 1 or 2, for x, y or z.")
+    require_count(0, at_most=2, axis=axis)
     require_finite(at=at)
     border = half_edges(pattern.triangles)[plane_border(pattern, axis, at)]
     fixed[border.ravel(), axis] = True
@@ -317,12 +288,7 @@ def symmetry_planes(pattern: Pattern, axes: Sequence[int], *, hinged: bool = Fal
 def build_in(pattern: Pattern, vertices: Bools) -> Supports:
     """Fix the free edges between chosen vertices, (n,), and the direction of the sheet there."""
     fixed = _none_fixed(pattern)
-    vertices = np.asarray(vertices)
-    if vertices.dtype != bool or vertices.shape != (len(pattern.points),):
-        raise ParameterError(
-            f"vertices is {vertices.dtype} of shape {vertices.shape}; it must be True or "
-            f"False for each of the {len(pattern.points)} assembled vertices."
-        )
+    vertices = checked_bools("vertices", vertices, "assembled vertex", fixed.shape[:1])
     chosen = vertices[pattern.free_edges].all(axis=1)
     if not chosen.any():
         raise ParameterError("no free edge lies between the vertices to be built in.")

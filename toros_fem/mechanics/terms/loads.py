@@ -153,7 +153,7 @@ class Pressure(PotentialTerm):
     @override
     def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
         super().take_forms(number, compiled, work)
-        self._potential = compiled("volume", lambda forms: forms.loads[number].potential)
+        self._potential = compiled("volume", lambda forms: forms.loads[number][0])
 
     @override
     def set_load(self, load: Load) -> None:

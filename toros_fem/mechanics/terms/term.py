@@ -106,7 +106,7 @@ class PotentialTerm(Term):
     @override
     def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
         self._work = work
-        self._variation = compiled(f"load {number}", lambda forms: forms.loads[number].variation)
+        self._variation = compiled(f"load {number}", lambda forms: forms.loads[number][1])
 
     def variation(self) -> Floats:
         """Return the first variation of the potential in N: the negative of the force."""

@@ -9,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, Factor, key
-from toros_fem.base.validation import require_between
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections, section_vertices
 from toros_fem.measures.metrics import Metric, turn_angle
 from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
@@ -51,17 +49,8 @@ class Leg:
     root: float
 
     def labels(self, pattern: Pattern, count: int) -> Ints:
-        """Return the cross-section of each vertex of a pattern, (n,), of so many; −1 before `root`.
-
-        Raises:
-            ParameterError: No vertex lies beyond `root`.
-        """
+        """Return the cross-section of each vertex, (n,), of so many; −1 before `root`."""
         found = np.flatnonzero(pattern.points @ np.asarray(self.along) > self.root)
-        if len(found) == 0:
-            raise ParameterError(
-                f"no vertex lies beyond root = {self.root} m along {self.along!r}. Give a smaller "
-                "root, or another direction."
-            )
         return label_cross_sections(pattern, found, self.along, count, border=False)
 
     def sections(self, pattern: Pattern, weights: LegWeights) -> CrossSections:
@@ -77,12 +66,9 @@ class Leg:
         """Return the angle in degrees by which the outer part has turned.
 
         It is the `measures.turn_angle` of all vertices of that part, after the cross-sections that
-        come before it. The part should be one that the target leaves straight.
-
-        Raises:
-            ParameterError: The outer part is not 1 to 11 twelfths of the leg, `outer_count`.
+        come before it. The part, `outer_count` twelfths of the leg, should be one that the target
+        leaves straight.
         """
-        require_between(1, CROSS_SECTIONS - 1, outer_count=outer_count)
 
         def measure(pattern: Pattern, positions: Floats) -> float:
             labels, first_outer = self.labels(pattern, CROSS_SECTIONS), CROSS_SECTIONS - outer_count

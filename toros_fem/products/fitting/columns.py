@@ -158,7 +158,7 @@ class Column:
         unit: Unit of its numbers; empty where there is none.
 
     Raises:
-        ParameterError: There is no such column of numbers, or it has no such unit.
+        ParameterError: It has no such unit.
     """
 
     kind: str
@@ -169,18 +169,12 @@ class Column:
         object.__setattr__(self, "unit", unit)
         if kind in WORDS and not unit:
             return
-        if kind not in UNITS:
-            raise ParameterError(f"unit of {kind!r}: no such column; known are {', '.join(UNITS)}.")
         known = list(UNITS[kind])
-        if unit and unit not in known:
+        if unit not in known and (unit or UNITS[kind] is not _RATIOS):
+            what = f"is in {unit!r}" if unit else "has no unit"
             raise ParameterError(
-                f"the column {kind!r} is in {unit!r}; known are {', '.join(known)}. Tell it by "
-                f'option, --unit "{kind}={known[0]}", if it is another.'
-            )
-        if not unit and UNITS[kind] is not _RATIOS:
-            raise ParameterError(
-                f"the column {kind!r} has no unit: write '{kind} [{known[0]}]', or give the unit "
-                f'by option, --unit "{kind}={known[0]}".'
+                f"the column {kind!r} {what}; known are {', '.join(known)}. Write "
+                f"'{kind} [{known[0]}]', or tell it by option, --unit \"{kind}={known[0]}\"."
             )
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import checked_list, require_kind
 from toros_fem.products.fitting.intervals import drawn_again
 from toros_fem.products.fitting.origin import from_rest
 from toros_fem.products.fitting.parameters import scales_of
@@ -22,7 +22,7 @@ from toros_fem.products.fitting.robust_fit import (
     remembered,
     robust_fit,
 )
-from toros_fem.products.fitting.samples import checked_tests, samples_of
+from toros_fem.products.fitting.samples import samples_of
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.fitting.uniaxial import tension
 from toros_fem.products.options import FitOptions
@@ -69,8 +69,9 @@ class _Fit:
     """The fit of some tests."""
 
     def __init__(self, tests: Sequence[TensileTest], options: FitOptions) -> None:
-        begun = [from_rest(test, options) for test in checked_tests(tests)]
-        tests, self.spreads = [one.test for one in begun], [one.spread for one in begun]
+        tests = checked_list("tests", tests, TensileTest, "TensileTests, at least one", least=1)
+        begun = [from_rest(test, options) for test in tests]
+        tests, self.spreads = [test for test, _ in begun], [spread for _, spread in begun]
         self.options, self.samples = options, samples_of(tests, options, whole=True)
         self.remarks = [text for test in tests for text in test.remarks]
         self.doubts = [text for test in tests for text in test.doubts]

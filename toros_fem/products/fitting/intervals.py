@@ -42,7 +42,9 @@ def drawn_again(
     if least < ENOUGH_TESTS:
         residuals = (problem.measured - solution.values) / _shrinkage(solution.jac / sigma[:, None])
         curves = [(c, correlation([residuals[rows] for rows in c])) for c in _curves(samples)]
-        left = [_independent(c, rho) - len(theta) for c, rho in curves if c]
+        # Correlated points tell as much as so many independent ones.
+        alone = [sum(map(len, c)) * (1 - rho) / (1 + rho) for c, rho in curves if c]
+        left = [points - len(theta) for points in alone]
         wider = _student(min(left))
         data = (solution.values + _drawn(curves, residuals, rng) for _ in range(draws))
         again = (replace(problem, measured=measured) for measured in data)
@@ -63,11 +65,6 @@ def drawn_again(
 def _student(degrees: float) -> float:
     """Return the ratio of Student's interval to the normal one."""
     return float(stdtrit(max(degrees, FEWEST_DEGREES), UPPER) / ndtri(UPPER))
-
-
-def _independent(rows_of_tests: Sequence[Ints], rho: float) -> float:
-    """Return the number of independent points that tell as much as correlated ones."""
-    return sum(map(len, rows_of_tests)) * (1 - rho) / (1 + rho)
 
 
 def _shrinkage(jacobian: Floats) -> Floats:

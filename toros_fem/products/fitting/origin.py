@@ -56,17 +56,9 @@ HIDDEN = 1.2
 MISSED = 0.05
 
 
-@dataclass(frozen=True, eq=False)
-class Begun:
-    """A test that begins at rest.
-
-    Attributes:
-        test: The branch that is fitted, with what was taken in its remarks and doubts.
-        spread: Standard error of the strain at which it begins.
-    """
-
-    test: TensileTest
-    spread: float
+Begun = tuple[TensileTest, float]
+"""A test that begins at rest: the branch that is fitted, with what was taken in its remarks and
+doubts, and the standard error of the strain at which it begins."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +96,7 @@ def from_rest(test: TensileTest, options: FitOptions) -> Begun:
         branch, ended = _up_to_the_break(branch)
         said += [ended] if ended else []
     if options.branch == "all" or len(branch.stretch) < LEAST:
-        return Begun(_with(branch, said, []), 0.0)
+        return _with(branch, said, []), 0.0
     start = _start(branch)
     if start.idle:
         return _after_idle(branch, start, later, options, said)
@@ -154,7 +146,7 @@ def _after_idle(
     moved = replace(test, stress=stress)
     if kind == "none":
         doubts.append(f"its force only rises from a strain of {100 * at:.3g} % on (--start none).")
-        return Begun(_with(moved, said, doubts), 0.0)
+        return _with(moved, said, doubts), 0.0
     how = "of a later cycle, so this is the set of the fabric, and the gauge length grows by it"
     if kind == "slack":
         how = "of a first loading, so this is slack, and the gauge length stays"
@@ -177,7 +169,7 @@ def _after_idle(
         least = DOUBT if rest.strain > 0 else 2 * DOUBT
         if rest.sure() and abs(rest.strain) > max(least * reach, 2 * start.error):
             doubts.append(_toe(rest))
-    return Begun(_with(moved, said, doubts), spread)
+    return _with(moved, said, doubts), spread
 
 
 def _moved(test: TensileTest, at: float, longer: bool) -> TensileTest:
@@ -202,7 +194,7 @@ def _without_idle(
     x, stress = test.stretch - 1, test.stress
     reach, top = float(x.max()), float(stress.max())
     if not (reach > 0 and top > 0):
-        return Begun(_with(test, said, doubts), 0.0)
+        return _with(test, said, doubts), 0.0
     found, idle = _fitted(x, stress), _fitted(x, stress, level=True)
     flat = x < idle.strain
     # Idle points tell more than noise: without a level too, or by what they explain.
@@ -246,7 +238,7 @@ def _without_idle(
         if options.offset == "ask":
             doubts.append("its force is negative at first, as of a cell that was not tared.")
         tared = replace(test, stress=np.asarray(stress - level))
-        return Begun(_with(tared, said, doubts), error / slope)
+        return _with(tared, said, doubts), error / slope
     if options.offset == "preload":
         near = x <= NEAR * reach
         close = _fitted(x[near], stress[near])
@@ -257,28 +249,28 @@ def _without_idle(
                 "gauge length is shorter by it."
             )
             error = float(np.hypot(close.error, close.strain + at_zero))
-            return Begun(_with(_moved(test, close.strain, longer=True), said, doubts), error)
+            return _with(_moved(test, close.strain, longer=True), said, doubts), error
     late = found.sure(HIDDEN) and found.strain > 0 and not found.missed
     if sure and SMALL * reach < abs(at_zero) and not (late and at_zero < 0):
         doubts.append(
             f"its force at a strain of 0 is that of a strain of {100 * at_zero:.2g} %: a small "
             "preload or slack, or an untared cell. E h changes by more than that."
         )
-        return Begun(_with(test, said, doubts), abs(at_zero))
+        return _with(test, said, doubts), abs(at_zero)
     # A curve that is steeper at first than the model is no offset where its force begins at 0.
     if found.missed or (found.strain < 0 and found.sure()):
-        return Begun(_with(test, said, doubts), 0.0)
+        return _with(test, said, doubts), 0.0
     if not found.sure() or abs(found.strain) < DOUBT * reach:
         wider = abs(found.strain) if found.sure(HIDDEN) and not found.missed else 0.0
-        return Begun(_with(test, said, doubts), wider)
+        return _with(test, said, doubts), wider
     words = f"{100 * found.strain:.2g} %"
     if found.strain < float(x.min()) * 1.5 and options.start != "none":
         longer = options.start == "set" or (options.start == "auto" and later)
         said.append(f"it begins at a strain of {100 * x.min():.3g} %, and its force at {words}.")
         doubts.append(f"its rest was not recorded; its curve tells a strain of {words}.")
-        return Begun(_with(_moved(test, found.strain, longer), said, doubts), found.error)
+        return _with(_moved(test, found.strain, longer), said, doubts), found.error
     doubts.append(_toe(found))
-    return Begun(_with(test, said, doubts), found.strain)
+    return _with(test, said, doubts), found.strain
 
 
 def _toe(found: _Shift) -> str:

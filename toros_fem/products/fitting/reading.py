@@ -22,7 +22,7 @@ import numpy as np
 from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.base.toml_files.document import read_text
 from toros_fem.base.units import read_quantity
-from toros_fem.base.validation import require_kind, require_positive, shown
+from toros_fem.base.validation import checked_list, require_choice, require_kind, require_positive
 from toros_fem.products.fitting.columns import (
     FORMULAS,
     LONGEST,
@@ -77,11 +77,10 @@ class Given:
     def __post_init__(self) -> None:
         require_positive(**{kind: size for kind, size in self.values.items() if kind in SIZES})
         for kind, unit in self.units.items():
+            require_choice("a column of units", kind, tuple(UNITS))
             Column(kind, unit)
         for kind in self.columns:
-            if kind not in UNITS and kind not in WORDS:
-                known = ", ".join([*UNITS, *WORDS])
-                raise ParameterError(f"name of {kind!r}: no such column; known are {known}.")
+            require_choice("a column of columns", kind, (*UNITS, *WORDS))
 
     @property
     def values(self) -> dict[str, Any]:
@@ -113,24 +112,14 @@ def read_tensile_tests(
         FileError: A file cannot be read, a line is wrong, or something is missing.
     """
     require_kind("given", given, (Given, type(None)), "a Given, or None")
-    require_kind("paths", paths, (list, tuple), "a list of files")
-    for path in paths:
-        require_kind("paths", path, (str, Path), "a list of files")
-    given = given or Given()
-    found = [test for path in paths for test in _tests(Path(path), given)]
-    if not found:
-        raise FileError("no file of a test is given.")
-    return found
+    what = "files, at least one"
+    files = [Path(path) for path in checked_list("paths", paths, str | Path, what, least=1)]
+    return [test for path in files for test in _tests(path, given or Given())]
 
 
-class _Point(NamedTuple):
-    """A row: specimen and direction, stress per width in N/m; NaN where nothing was measured."""
-
-    test: tuple[str, str]
-    stretch: float
-    stress: float
-    thickness: float
-    lateral: float
+_Point = tuple[tuple[str, str], float, float, float, float]
+"""A row: specimen and direction, stretch, stress per width in N/m, thickness, and lateral stretch,
+NaN where it was not measured."""
 
 
 class _Table(NamedTuple):
@@ -160,7 +149,7 @@ def _tests_of(table: _Table, given: Given) -> list[TensileTest]:
     points, remarks, doubts = _points(table, given)
     lines_of: dict[tuple[str, str], list[int]] = {}
     for line, point in points.items():
-        lines_of.setdefault(point.test, []).append(line)
+        lines_of.setdefault(point[0], []).append(line)
     found = []
     for test, lines in lines_of.items():
         stretch, stress, heights, lateral = np.array([points[line][1:] for line in lines]).T
@@ -393,14 +382,11 @@ def _quantity(cells: Sequence[str]) -> str:
 
 def _size(kind: str, value: str) -> float:
     try:
-        size = read_quantity(value, "m")
+        return read_quantity(value, "m")
     except ParameterError as error:
         raise ParameterError(
             f"{error} Write '# {kind} = {SIZES[kind]}', or give --{kind.replace(' ', '-')}."
         ) from None
-    if not size > 0:
-        raise ParameterError(f"{kind} = {shown(value)} must be greater than 0.")
-    return size
 
 
 def _points(
@@ -528,12 +514,11 @@ def _point(row: Mapping[str, Any], columns: Mapping[int, Column]) -> _Point:
             if kind in kinds:
                 told[what] = formulas[kind](row[kind], size)
     for kind in ("stretch", "lateral stretch"):
-        if told[kind] <= 0:
-            raise ParameterError(f"the {kind} is {told[kind]:.6g}; it is positive, 1 at rest.")
-        if told[kind] > LARGEST_STRETCH:
+        if told[kind] <= 0 or told[kind] > LARGEST_STRETCH:
             raise ParameterError(
-                f"the {kind} is {told[kind]:.6g}; is its unit right? Tell it by option, as in "
+                f"the {kind} is {told[kind]:.6g}; it is positive, 1 at rest, and at most "
+                f"{LARGEST_STRETCH:g}. Is its unit right? Tell it by option, as in "
                 '--unit "strain=%".'
             )
     test = row["specimen"], row["direction"].lower()
-    return _Point(test, told["stretch"], told["force"], thickness, told["lateral stretch"])
+    return test, told["stretch"], told["force"], thickness, told["lateral stretch"]

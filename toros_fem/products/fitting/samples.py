@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import FileError, ParameterError
-from toros_fem.base.validation import require_kind
+from toros_fem.base.errors import FileError
 from toros_fem.products.fitting.robust_fit import Model, Problem
 from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
 from toros_fem.products.options import FitOptions
@@ -65,15 +64,6 @@ class Samples:
         return Problem(model, measured, entries // count, bounds, loss)
 
 
-def checked_tests(tests: Sequence[TensileTest]) -> Sequence[TensileTest]:
-    """Return a list of tests, or a ParameterError that it is none."""
-    if not isinstance(tests, list | tuple) or not tests:
-        raise ParameterError("tests must be a list of at least one TensileTest.")
-    for test in tests:
-        require_kind("tests", test, TensileTest, "a list of TensileTest")
-    return tests
-
-
 def samples_of(
     tests: Sequence[TensileTest], options: FitOptions, *, whole: bool = False
 ) -> Samples:
@@ -82,10 +72,8 @@ def samples_of(
     `whole` says that the tests are that branch already.
 
     Raises:
-        ParameterError: There is no list of tests.
         FileError: A test has too few points above a stretch of 1.
     """
-    tests = checked_tests(tests)
     curves = [
         _thinned(test, test if whole else test.branch(options.branch), options) for test in tests
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -58,16 +59,22 @@ class TensileTest:
             what = f"of shape {stretch.shape}, as the stretch"
             values = checked_floats(name, getattr(self, name), what, stretch.shape)
             object.__setattr__(self, name, values)
+        for fault in self._faults():
+            raise ParameterError(fault)
+
+    def _faults(self) -> Iterator[str]:
+        """Yield what is wrong with the numbers, as sentences."""
         if not np.any(self.stress):
-            raise ParameterError(f"all forces of specimen {self.specimen!r} are 0.")
-        for kind, one in (("stretch", stretch), ("lateral stretch", self.lateral)):
+            yield f"all forces of specimen {self.specimen!r} are 0."
+        for kind, one in (("stretch", self.stretch), ("lateral stretch", self.lateral)):
             what = f"the {kind} of specimen {self.specimen!r}"
-            if one is not None and not one.min() > 0:
-                raise ParameterError(f"{what} reaches {one.min():.6g}; it is positive, 1 at rest.")
-            if one is not None and not np.ptp(one) > 0:
-                raise ParameterError(f"{what} is the same at all points.")
-        if self.lateral is not None and np.cov(stretch, self.lateral)[0, 1] > 0:
-            raise ParameterError(
+            if one is not None and not (one.min() > 0 and np.ptp(one) > 0):
+                yield (
+                    f"{what} is {one.min():.6g} to {one.max():.6g}; it is positive, 1 at rest, and "
+                    "not the same at all points."
+                )
+        if self.lateral is not None and np.cov(self.stretch, self.lateral)[0, 1] > 0:
+            yield (
                 f"the lateral stretch of specimen {self.specimen!r} grows with the stretch: is its "
                 "sign right? A lateral strain is below 0 where the sheet gets narrower."
             )

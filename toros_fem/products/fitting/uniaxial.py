@@ -8,11 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import checked_floats, require_choice
-from toros_fem.materials.sheet import Material
 
-DIRECTIONS = ("course", "wale")  # along the fibres of a `Knit`, and across them
 # Steps of a bracketed Newton method; each halves the bracket at least where Newton leaves it.
 MOST_STEPS = 200
 TOLERANCE = 4e-16
@@ -98,41 +94,3 @@ def tension(
     moved = w - 1j * (value / slope).imag
     both = np.array([pulling_stress(strain, moved, c), 1 + moved])
     return both[:, 0].real, np.moveaxis(both.imag, 1, 2) / STEP
-
-
-def uniaxial_curve(
-    material: Material, stretch: Floats, *, knit_ratio: float = 1.0, direction: str = "wale"
-) -> tuple[Floats, Floats]:
-    """Return stress and lateral stretch of a strip that is free to narrow, eq. (1).
-
-    Args:
-        material: The sheet, with both bounds.
-        stretch: λ₁, (n,), from 1 to below c₁.
-        knit_ratio: Modulus along the courses over that along the wales, as of `Knit`.
-        direction: Direction of the pull, "course" or "wale".
-
-    Returns:
-        Nominal stress per width in N/m, (n,), which is force over undeformed width; and λ₂, (n,).
-
-    Raises:
-        ParameterError: A stretch is below 1 or not below c₁, or a value is out of its bounds.
-    """
-    require_choice("direction", direction, DIRECTIONS)
-    values = checked_floats(
-        "stretch", stretch, "finite and of shape (n,)", lambda shape: len(shape) == 1
-    )
-    c1, c2 = material.c1, material.c2
-    if c1 is None or c2 is None or knit_ratio < 1:
-        raise ParameterError(
-            f"c1 = {c1}, c2 = {c2} must be given and knit_ratio = {knit_ratio} at least 1."
-        )
-    if len(values) and not (values.min() >= 1 and values.max() < c1):
-        raise ParameterError(
-            f"stretches from {values.min():.6g} to {values.max():.6g} must lie in [1, c1), "
-            f"c1 = {c1:.6g}."
-        )
-    h, k = material.thickness, material.course_stiffness(knit_ratio)
-    fibres = (k, 0.0) if direction == "course" else (0.0, k)
-    c = Coefficients(h * material.mu, h * material.lam, (c1 - 1) ** -2, (c2 - 1) ** -2, *fibres)
-    w = lateral_strain(values - 1, c)
-    return np.asarray(pulling_stress(values - 1, w, c)), 1 + w

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,21 +27,10 @@ POST, BELOW = 0.06, 0.01
 VIEW = (12.0, 25.0)
 
 
-@dataclass(frozen=True, eq=False)
-class LiftShape:
-    """Fingers and object at one moment of a lift.
-
-    Attributes:
-        title: What is shown.
-        positions: Positions of the vertices of one whole finger in its frame, (n, 3), in m.
-        sunk: Distance in m by which the object has moved down, seen from the mounts.
-        raised: Distance in m by which the mounts have moved up.
-    """
-
-    title: str
-    positions: Floats
-    sunk: float
-    raised: float
+LiftShape = tuple[str, Floats, float, float]
+"""Fingers and object at one moment of a lift: a title, positions of the vertices of one whole
+finger in its frame, (n, 3), by how far the object has moved down, seen from the mounts, and by how
+far the mounts have moved up, all in m."""
 
 
 def solid(body: Body) -> RigidBody:
@@ -88,12 +76,12 @@ def write_lift(
     angles = 2 * np.pi * np.arange(fingers) / fingers
     every, prints = repeated(pattern, regions, fingers)
 
-    def fingers_of(shape: LiftShape) -> Floats:
-        up = [0.0, 0.0, shape.raised]
-        return np.concatenate([in_room(shape.positions, axis, angle) + up for angle in angles])
+    def fingers_of(positions: Floats, raised: float) -> Floats:
+        up = [0.0, 0.0, raised]
+        return np.concatenate([in_room(positions, axis, angle) + up for angle in angles])
 
-    def object_of(shape: LiftShape) -> Floats:
-        return in_room(body.points, axis, 0.0) + [0.0, 0.0, shape.raised - shape.sunk]
+    def object_of(height: float) -> Floats:
+        return in_room(body.points, axis, 0.0) + [0.0, 0.0, height]
 
     def draw() -> None:
         from toros_fem.results.pictures.raster import Surface
@@ -113,22 +101,22 @@ def write_lift(
             states.append(
                 [
                     (
-                        shape.title,
+                        name,
                         [
-                            *drawn.surfaces(fingers_of(shape)),
-                            Surface(body.triangles, object_of(shape), BODY, closed=True),
+                            *drawn.surfaces(fingers_of(positions, raised)),
+                            Surface(body.triangles, object_of(raised - sunk), BODY, closed=True),
                             stand,
                         ],
                     )
-                    for shape in row
+                    for name, positions, sunk, raised in row
                 ]
             )
         plot_states(folder / "lift.png", states, View(*VIEW), title)
 
     def write() -> None:
-        last = rows[-1][1][-1]
-        skin = ShownSkin(every, regions=prints, body=(object_of(last), body.triangles))
-        write_series(folder, skin, [Frame("load", 0, "", fingers_of(last), None, {})])
+        _, positions, sunk, raised = rows[-1][1][-1]
+        skin = ShownSkin(every, regions=prints, body=(object_of(raised - sunk), body.triangles))
+        write_series(folder, skin, [Frame("load", 0, "", fingers_of(positions, raised), None, {})])
         if_plotting(draw)
 
     guarded(comm, folder, write)

@@ -240,7 +240,7 @@ class Pull:
             sunk = raised if slip is None else min(slip, raised)
             x = self.at(sunk).positions
             x = x if whole is None else whole.at_vertices(x)
-            shapes.append(LiftShape(f"{name}, {word}", x, sunk, raised))
+            shapes.append((f"{name}, {word}", x, sunk, raised))
         return self.density if whole is None else whole.at_cells(self.density), shapes
 
 

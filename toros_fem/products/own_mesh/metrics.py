@@ -66,16 +66,26 @@ class Measured(Table):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.of is None:
-            raise ParameterError('a metric needs of = "z > 70 mm" for instance.', "of")
-        if self.measure == "length" and self.against is None:
-            raise ParameterError("a length needs two regions: give against too.", "against")
-        if self.measure == "tip" and self.target is not None:
-            raise ParameterError(f"tip is four numbers: give {', '.join(TIP)} a target.", "target")
-        if self.name is not None and not self.name.isidentifier():
-            raise ParameterError(
-                f"name = {self.name!r} must be of letters, digits and underscores.", "name"
-            )
+        for refused, where, why in (
+            (self.of is None, "of", 'a metric needs of = "z > 70 mm" for instance.'),
+            (
+                self.measure == "length" and self.against is None,
+                "against",
+                "a length needs two regions: give against too.",
+            ),
+            (
+                self.measure == "tip" and self.target is not None,
+                "target",
+                f"tip is four numbers: give {', '.join(TIP)} a target.",
+            ),
+            (
+                self.name is not None and not self.name.isidentifier(),
+                "name",
+                f"name = {self.name!r} must be of letters, digits and underscores.",
+            ),
+        ):
+            if refused:
+                raise ParameterError(why, where)
         for name in ("of", "against"):
             try:
                 _region(getattr(self, name))

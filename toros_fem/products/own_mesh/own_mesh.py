@@ -314,13 +314,8 @@ class OwnMeshScene(ActuatorScene):
 
     @property
     def own_skin(self) -> OwnSkin:
-        """What the files hold.
-
-        Raises:
-            ParameterError: They are not read.
-        """
-        if self.read is None:
-            raise ParameterError("the mesh is not read yet: call with_files first.")
+        """What the files hold, after `with_files`."""
+        assert self.read is not None
         return self.read
 
     @property
@@ -398,35 +393,33 @@ class OwnMeshScene(ActuatorScene):
         return skin.goal
 
     def _supports(self, pattern: Pattern) -> Supports:
-        if not self.held:
-            raise ParameterError(
-                'nothing holds the skin: give held, with where = "z < 5 mm" for instance.'
-            )
         fixed = np.zeros((len(pattern.points), 3), dtype=bool)
         for held in self.held:
             columns = np.array([letter in held.components for letter in "xyz"])
             fixed |= held.vertices(pattern)[:, None] & columns
-        if fixed.all():
-            raise ParameterError(
+        if fixed.all() or not fixed.any():
+            every = (
                 "held holds every vertex, so that nothing can move. Check its unit: a plain number "
                 "is in m."
             )
+            none = 'nothing holds the skin: give held, with where = "z < 5 mm" for instance.'
+            raise ParameterError(every if fixed.all() else none)
         return Supports(fixed)
 
     def _passive(self, pattern: Pattern) -> Floats | None:
         """Return the prescribed density of all triangles, (t,), NaN where it is designed."""
         if not (self.printed or self.plain):
             return None
-        found = np.full(len(pattern.panel), np.nan)
+        found, both = np.full(len(pattern.panel), np.nan), False
         for region in self.printed:
             found[region.cells(pattern)] = 1.0
         for bare in self.plain:
             cells = bare.cells(pattern)
-            if (found[cells] == 1).any():
-                raise ParameterError("a triangle is both in printed and in plain; keep them apart.")
+            both = both or bool((found[cells] == 1).any())
             found[cells] = 0.0
-        if not np.isnan(found).any():
-            raise ParameterError("printed and plain leave nothing to design; make them smaller.")
+        if both or not np.isnan(found).any():
+            why = "have a triangle in both; keep them apart" if both else "leave nothing to design"
+            raise ParameterError(f"printed and plain {why}. Make them smaller.")
         return found
 
     def _metrics(self, axis: BodyAxis, goal: Callable[[Pattern], Floats]) -> list[Metric]:

@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.making.print.cleaning import Panels
-from toros_fem.making.print.islands import PrintedPiece
+from toros_fem.making.print.islands import PanelRegion
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import with_more
 from toros_fem.making.print.widths import Widths, measure_widths
@@ -105,7 +105,7 @@ class RepeatedTile(Panels):
         return [repeated(region, self._tile, SIDE, SIDE) for region in regions]
 
     @override
-    def islands(self, laid: Sequence[BaseGeometry], limits: PrintLimits) -> list[PrintedPiece]:
+    def islands(self, laid: Sequence[BaseGeometry], limits: PrintLimits) -> list[PanelRegion]:
         pieces = shapely.get_parts(laid[0])
         loose = ~shapely.dwithin(self.outlines[0].boundary, pieces, limits.resolution)
         # Centroids of images differ by rounding; of those on two borders of the tile one counts.
@@ -113,7 +113,7 @@ class RepeatedTile(Panels):
         home = np.all(places // self._sides == SIDE // 2, axis=1)
         chosen = pieces[loose & home]
         order = np.argsort(-shapely.area(chosen), kind="stable")
-        return [PrintedPiece(0, piece, main=False, attached=False) for piece in chosen[order]]
+        return [PanelRegion(0, piece, main=False, attached=False) for piece in chosen[order]]
 
     @override
     def images(self, shape: BaseGeometry) -> BaseGeometry:

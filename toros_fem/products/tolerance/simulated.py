@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_problem import carried_along
 from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.making.print.polygons import fabric_of
 from toros_fem.making.print.printability import PrintLimits, printability
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
@@ -25,9 +29,7 @@ from toros_fem.meshes.moving import border_motion, with_flat_points
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.moved_skin import MovedSkin, values_at
-from toros_fem.products.tolerance.result import Tolerances, Variant
-from toros_fem.products.tolerance.worn import broken_lines, offset_print
+from toros_fem.products.tolerance.result import OBJECTIVE, Tolerances, Variant
 
 # Parts of the materials that may be off: what they are called, and material and field.
 STIFFNESSES = (
@@ -36,26 +38,6 @@ STIFFNESSES = (
     ("print modulus", "reinforcement", "young"),
     ("print thickness", "reinforcement", "thickness"),
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """A print on a whole skin, and where its simulation starts.
-
-    Attributes:
-        whole: The whole pattern, and the print on each of its panels.
-        limits: Limits of the printer.
-        near: Pattern of the part and positions of all its vertices, (n, 3), in m, to start from;
-            None starts from the assembled shape.
-        pressures: In Pa, of each chamber.
-        own_mesh: Metrics by key on the mesh of the design, to compare with, as far as known.
-    """
-
-    whole: tuple[Pattern, Regions]
-    limits: PrintLimits
-    near: tuple[Pattern, Floats] | None
-    pressures: Sequence[float]
-    own_mesh: Mapping[str, float]
 
 
 def tolerances(
@@ -85,33 +67,51 @@ def tolerances(
     require_kind("the problem of the print", made.problem, ShapeDesign, "a ShapeDesign")
     assert isinstance(made.problem, ShapeDesign)
     problem, part = made.problem, made.problem.skin.pattern
-    drawn = Drawn(
-        (printed.pattern, printed.regions),
-        printed.limits,
-        (part, problem.physics.shape_of(made.equilibrium)),
-        made.equilibrium.pressures,
-        problem.metrics_of(made.equilibrium),
+    return simulated_tolerances(
+        problem,
+        config,
+        whole=(printed.pattern, printed.regions),
+        limits=printed.limits,
+        near=(part, problem.physics.shape_of(made.equilibrium)),
+        pressures=made.equilibrium.pressures,
+        own_mesh=problem.metrics_of(made.equilibrium),
     )
-    return simulated_tolerances(problem, drawn, config)
 
 
 def simulated_tolerances(
-    problem: ShapeDesign, drawn: Drawn, config: ToleranceConfig | None = None
+    problem: ShapeDesign,
+    config: ToleranceConfig | None,
+    *,
+    whole: tuple[Pattern, Regions],
+    limits: PrintLimits,
+    near: tuple[Pattern, Floats] | None,
+    pressures: Sequence[float],
+    own_mesh: Mapping[str, float],
 ) -> Tolerances:
     """Return the same of a problem that is on a mesh along the print (collective).
+
+    Args:
+        problem: The design problem.
+        config: How far what is off; None takes the defaults.
+        whole: The whole pattern, and the print on each of its panels.
+        limits: Limits of the printer.
+        near: Pattern of the part and positions of all its vertices, (n, 3), in m, to start from;
+            None starts from the assembled shape.
+        pressures: In Pa, of each chamber.
+        own_mesh: Metrics by key on the mesh of the design, to compare with, as far as known.
 
     Raises:
         NoEquilibriumError: The print has no equilibrium.
     """
     begin = time.perf_counter()
-    study = _Study(problem, drawn)
+    study = _Study(problem, whole, limits, near, pressures)
     middle = time.perf_counter()
     variants = tuple(study.variants(config or ToleranceConfig()))
-    as_drawn = on_first_rank(problem.comm, lambda: printability(*drawn.whole, drawn.limits))
+    as_drawn = on_first_rank(problem.comm, lambda: printability(*whole, limits))
     return Tolerances(
         metrics=tuple(problem.metrics),
         nominal=study.nominal,
-        own_mesh=drawn.own_mesh,
+        own_mesh=own_mesh,
         drawn=as_drawn,
         pressure=study.equilibrium.pressure,
         variants=variants,
@@ -124,15 +124,22 @@ def simulated_tolerances(
 class _Study:
     """The drawn skin at its equilibrium, and its variants; all methods are collective."""
 
-    def __init__(self, problem: ShapeDesign, drawn: Drawn) -> None:
-        self.problem, self.drawn = problem, drawn
+    def __init__(
+        self,
+        problem: ShapeDesign,
+        whole: tuple[Pattern, Regions],
+        limits: PrintLimits,
+        near: tuple[Pattern, Floats] | None,
+        pressures: Sequence[float],
+    ) -> None:
+        self.problem, self.whole, self.limits = problem, whole, limits
         skin, start = problem.skin, None
         self.pattern, self.comm = skin.pattern, skin.comm
-        if drawn.near is not None:
-            positions = make_transfer(drawn.near[0], self.pattern).positions(drawn.near[1])
+        if near is not None:
+            positions = make_transfer(near[0], self.pattern).positions(near[1])
             start = problem.physics.state_at(positions)
         made: Evaluation[Equilibrium] = problem.simulate_binary(
-            np.zeros(len(skin.owned_cells)), start=start, pressure=drawn.pressures
+            np.zeros(len(skin.owned_cells)), start=start, pressure=pressures
         )
         self.density, self.equilibrium = made.projected, made.equilibrium
         self.density_of_all = skin.gather_cells(self.density)
@@ -215,7 +222,7 @@ class _Study:
 
     def _worn(self, variant: Variant, skin: MovedSkin) -> Variant:
         """Return a variant with what its lines and gaps have become."""
-        (pattern, regions), limits = self.drawn.whole, self.drawn.limits
+        (pattern, regions), limits = self.whole, self.limits
         printed, own = self.density_of_all > 0.5, self.pattern
 
         def measure() -> Variant:
@@ -232,3 +239,109 @@ class _Study:
             )
 
         return on_first_rank(self.comm, measure)
+
+
+def offset_print(
+    pattern: Pattern, regions: Regions, offset: float, resolution: float
+) -> list[BaseGeometry]:
+    """Return a print whose borders have moved outwards; the panel's border is none of them.
+
+    Args:
+        pattern: The pattern.
+        regions: Print on each panel, polygons in m.
+        offset: Way of each border in m, below 0 inwards: a line gets wider by twice as much.
+        resolution: Distance of samples in m, as of `PrintLimits`.
+    """
+    found = []
+    for panel, region in enumerate(regions):
+        outline = pattern.outline(panel)
+        if offset >= 0:
+            found.append(region.buffer(offset) & outline)
+        else:
+            found.append(region.difference(fabric_of(region, outline, resolution).buffer(-offset)))
+    return found
+
+
+def broken_lines(
+    pattern: Pattern,
+    drawn: Regions,
+    made: Regions,
+    resolution: float,
+) -> list[str]:
+    """Return what vanishes, parts or merges between a print as drawn and as made, as sentences."""
+    lines: Ints = np.zeros(3, dtype=np.int64)
+    gaps: Ints = np.zeros(3, dtype=np.int64)
+    for panel, (one, two) in enumerate(zip(drawn, made, strict=True)):
+        outline = pattern.outline(panel)
+        lines += _events(one, two)
+        gaps += _events(*(fabric_of(region, outline, resolution) for region in (one, two)))
+    # A ring of print that opens joins the fabric inside to that around it, and the reverse.
+    events = (
+        (lines[0], "line vanishes", "lines vanish"),
+        (lines[1] + gaps[2], "line parts", "lines part"),
+        (gaps[0], "gap closes", "gaps close"),
+        (gaps[1] + lines[2], "line touches another", "lines touch others"),
+    )
+    return [f"{n} {one if n == 1 else several}." for n, one, several in events if n]
+
+
+def _events(before: BaseGeometry, after: BaseGeometry) -> Ints:
+    """Return the numbers of pieces that vanish, that part and that merge, (3,)."""
+    one, two = (shapely.get_parts(shape) for shape in (before, after))
+    one, two = (parts[shapely.area(parts) > 0] for parts in (one, two))
+    pairs = shapely.STRtree(two).query(one, predicate="intersects")
+    shares = shapely.area(shapely.intersection(one[pairs[0]], two[pairs[1]])) > 0
+    here, there = (np.unique(own) for own in pairs[:, shares])
+    count = int(shares.sum())
+    return np.array([len(one) - len(here), count - len(here), count - len(there)])
+
+
+class MovedSkin:
+    """The same skin with its print's borders moved (all methods are collective).
+
+    Attributes:
+        problem: Its design problem.
+        unknowns: Where the equilibrium's unknowns go with the mesh, by original index.
+
+    Args:
+        problem: The problem on the moved pattern.
+        nominal: The pattern before.
+        motion: Way of the flat points, (m, 2), in m.
+        unknowns: Unknowns of the equilibrium before, as of `Patch.gather`.
+    """
+
+    def __init__(
+        self, problem: ShapeDesign, nominal: Pattern, motion: Floats, unknowns: Floats
+    ) -> None:
+        self.problem, self._nominal, self._motion = problem, nominal, motion
+        count = 3 * len(nominal.points)
+        places = unknowns[:count].reshape(-1, 3)
+        moved = places + self._carried(nominal, places)
+        self.unknowns = np.concatenate([moved.ravel(), unknowns[count:]])
+
+    def state(self) -> Floats:
+        """Return the state of this rank."""
+        return self.problem.solver.model.patch.scatter(self.unknowns)
+
+    def before(self, owned: Floats) -> Floats:
+        """Return where all vertices' places before the move are in a shape, (n, 3), in m.
+
+        Metrics and objectives sort vertices by their places; so these stay the same ones. Ranks may
+        own others than those of the skin before the move.
+        """
+        skin = self.problem.skin
+        positions = skin.gather_vertices(owned)
+        return np.asarray(positions - self._carried(skin.pattern, positions))
+
+    def _carried(self, pattern: Pattern, positions: Floats) -> Floats:
+        """Return the way of all vertices with the deformed mesh, (n, 3)."""
+        way = carried_along(pattern, positions, self._motion)
+        # What is held stays where the supports have it.
+        held = self.problem.skin.pattern.points - self._nominal.points
+        fixed = self.problem.solver.model.supports.fixed
+        return np.where(fixed, held, way)
+
+
+def values_at(problem: ShapeDesign, owned: Floats) -> dict[str, float]:
+    """Return objective and metrics at positions of the owned nodes, by key (collective)."""
+    return {OBJECTIVE: problem.objective.forward(owned), **problem.metrics_at(owned)}

@@ -10,7 +10,6 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Length, OneOf, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Bending
@@ -197,8 +196,7 @@ def plain_tube(
         seams: How seams carry moments, as of `Bending`.
 
     Raises:
-        ParameterError: A size is too large for the tube; or seams are hinged, so that the plane
-            x = 0 is none of symmetry.
+        ParameterError: A size is too large for the tube.
     """
     pattern = sizes.pattern(comm, sizes.edge_length, planes)
     density = np.nan_to_num(_printed_caps(pattern), nan=0.0)
@@ -217,11 +215,6 @@ def _in_degrees(measure: Callable[[Pattern, Floats], float]) -> MetricFunction:
 def _supports(pattern: Pattern, planes: tuple[int, ...], seams: str) -> Supports:
     """Return supports at the base and in the planes."""
     hinged = seams != "continuous"
-    if hinged and 0 in planes:
-        raise ParameterError(
-            f"seams = {seams!r}: a tube with a hinge at x < 0 alone is not symmetric about x = 0. "
-            "Give planes = (1,), or make the seams continuous."
-        )
     return clamp(pattern, [BASE]) | symmetry_planes(pattern, planes, hinged=hinged)
 
 

@@ -12,10 +12,8 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, if_plotting, write_table
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.validation import require_count
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.opening import opened
 from toros_fem.mechanics.contact.settings import ContactSizes
@@ -43,22 +41,11 @@ class Gait:
         phases: Fraction of the full pressure in each chamber at the end of each phase, (p, k). The
             cycle starts where the last phase ends.
         steps: Number of equilibria in each phase.
-
-    Raises:
-        ParameterError: The phases do not fit the chambers.
     """
 
     names: tuple[str, ...]
     phases: Floats
     steps: int
-
-    def __post_init__(self) -> None:
-        require_count(1, steps=self.steps)
-        if self.phases.ndim != 2 or self.phases.shape[1] != len(self.names):
-            raise ParameterError(
-                f"phases has shape {self.phases.shape}; with chambers {self.names} it must be "
-                f"(…, {len(self.names)})."
-            )
 
     @property
     def pressure_fractions(self) -> Floats:

@@ -13,7 +13,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from PIL import Image as Bitmap
 
-from toros_fem.base.errors import OutputError, ParameterError
+from toros_fem.base.errors import OutputError
 from toros_fem.base.files import naming, replace_file
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import formatted
@@ -24,7 +24,7 @@ from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
 from toros_fem.results.pictures.style import DARK, LETTERS, SOFT, TITLE
 from toros_fem.results.pictures.view import View
-from toros_fem.results.runs.run_folder import SERIES, Run, read_run
+from toros_fem.results.runs.run_folder import Run, read_run
 
 # Width and height in inches, and pixels per inch: 720 × 405.
 SIZE, DPI = (7.2, 4.05), 100
@@ -47,10 +47,7 @@ def write_animation(folder: str | Path, series: str = "pressure") -> Path:
     Raises:
         OutputError: The folder has no such frames, a file cannot be read, or the film not be
             written.
-        ParameterError: The series is unknown.
     """
-    if series not in SERIES:
-        raise ParameterError(f"series = {series!r} must be one of {', '.join(SERIES)}.")
     run = read_run(folder)
     frames = run.series.get(series, ())
     if len(frames) < 2:

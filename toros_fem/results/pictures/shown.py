@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -22,19 +22,6 @@ LINES = (0.25, 0.5, 0.75)
 DATA, DARKER = 0.5, 0.8
 # A line is hidden where it is this far behind what is seen, over the size of the skin.
 HIDDEN = 0.02
-
-
-@dataclass(frozen=True, eq=False)
-class MaterialLine:
-    """A line that moves with the skin: triangle, (m,), and weights, (m, 3), of each point."""
-
-    triangle: Ints
-    weights: Floats
-
-    def at(self, triangles: Ints, positions: Floats) -> Floats:
-        """Return its points in space, (m, 3), in m, for positions of all vertices, (n, 3)."""
-        corners = positions[triangles[self.triangle]]
-        return np.einsum("mi,mic->mc", self.weights, corners)
 
 
 class DrawnSkin:
@@ -64,8 +51,11 @@ class DrawnSkin:
         return np.clip(np.nan_to_num(self._density), 0, 1)
 
     @cached_property
-    def lines(self) -> Sequence[MaterialLine]:
-        """Lines along the largest panel, at `LINES` of its width, by which twist is seen."""
+    def lines(self) -> Sequence[tuple[Ints, Floats]]:
+        """Lines along the largest panel, at `LINES` of its width, by which twist is seen.
+
+        Of each point of a line there are its triangle, (m,), and its weights, (m, 3).
+        """
         pattern = self.pattern
         areas = np.bincount(pattern.panel, pattern.areas, len(pattern.panel_names))
         cells = np.flatnonzero(pattern.panel == np.argmax(areas))
@@ -73,7 +63,7 @@ class DrawnSkin:
         low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
         across = int(np.argmin(high - low))
         edge = equilateral_edge(pattern.areas[cells].mean())
-        lines: list[MaterialLine] = []
+        lines: list[tuple[Ints, Floats]] = []
         for fraction in LINES:
             # No vertex lies on it.
             level = low[across] + fraction * (high - low)[across] + 1e-6 * edge
@@ -81,7 +71,7 @@ class DrawnSkin:
             along = np.einsum("mi,mi->m", weights, flat[triangle, :, 1 - across])
             order = np.argsort(along, kind="stable")
             parts = np.split(order, np.flatnonzero(np.diff(along[order]) > 3 * edge) + 1)
-            lines += [MaterialLine(cells[triangle[k]], weights[k]) for k in parts if len(k) > 1]
+            lines += [(cells[triangle[k]], weights[k]) for k in parts if len(k) > 1]
         return lines
 
     def surfaces(self, positions: Floats, colours: Floats | None = None) -> list[Surface]:

@@ -80,8 +80,9 @@ class Stage:
         self, drawn: DrawnSkin, positions: Floats, image: Image, colour: str, style: str = "-"
     ) -> None:
         """Draw the lines of a skin where they are seen on its picture."""
-        for line in drawn.lines:
-            points = line.at(drawn.pattern.triangles, positions)
+        for triangle, weights in drawn.lines:
+            corners = positions[drawn.pattern.triangles[triangle]]
+            points = np.einsum("mi,mic->mc", weights, corners)
             flat = 1e3 * self.view.project(points)
             flat[~visible(points, self.view, image, self.size)] = np.nan
             self.axes.plot(*flat.T, color=colour, ls=style, lw=0.9)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from textwrap import fill
 
 import numpy as np
@@ -39,17 +38,9 @@ BY_POINTS = (
 TELLS_LITTLE = 0.5
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Whether a shape is what was asked for, in a word and its colour.
-
-    The reason is the figure that decides; the bound how far off it may be, empty if that is known.
-    """
-
-    word: str
-    colour: str
-    reason: str = ""
-    bound: str = ""
+Verdict = tuple[str, str, str, str]
+"""Whether a shape is what was asked for: a word, its colour, the figure that decides, and how far
+off it may be; the last is empty if that is known."""
 
 
 def name_of(figure: Told) -> str:
@@ -75,7 +66,7 @@ def verdict(figures: Sequence[Told], miss: Miss | None = None) -> Verdict | None
     if state is None or worst is None:
         return None
     if worst.value is None:
-        return Verdict("No equilibrium", ACCENT)
+        return "No equilibrium", ACCENT, "", ""
     within = f"within {worst.allowed} would be reached"
     known = "its error is not estimated; " if worst.interval is None else ""
     by = "off by " if is_of_shape(worst) else ""
@@ -84,8 +75,8 @@ def verdict(figures: Sequence[Told], miss: Miss | None = None) -> Verdict | None
         reason = ", ".join(
             f"{name_of(figure)} {figure.shown}{AFTER.get(figure.key, '')}" for figure in found[:2]
         )
-        return Verdict("Reached", DARK, reason)
-    return Verdict(state.capitalize(), COLOURS[state], reason, f"{known}{within}")
+        return "Reached", DARK, reason, ""
+    return state.capitalize(), COLOURS[state], reason, f"{known}{within}"
 
 
 def write_verdict(figure: Figure, found: Verdict | None, tail: str, otherwise: str) -> None:
@@ -97,13 +88,12 @@ def write_verdict(figure: Figure, found: Verdict | None, tail: str, otherwise: s
     if found is None:
         figure.text(0.02, 1 - 0.12 / height, otherwise, fontsize=11, fontweight="bold", va="top")
         return
-    word = figure.text(
-        0.02, 1 - 0.36 / height, found.word, fontsize=17, fontweight="bold", color=found.colour
-    )
-    right = word.get_window_extent(FigureCanvasAgg(figure).get_renderer()).x1
+    word, colour, reason, bound = found
+    large = figure.text(0.02, 1 - 0.36 / height, word, fontsize=17, fontweight="bold", color=colour)
+    right = large.get_window_extent(FigureCanvasAgg(figure).get_renderer()).x1
     left = figure.transFigure.inverted().transform((right, 0))[0] + 0.012
-    figure.text(left, 1 - 0.36 / height, found.reason, fontsize=12, fontweight="bold", color=INK)
-    second = ". ".join(filter(None, (found.bound[:1].upper() + found.bound[1:], tail)))
+    figure.text(left, 1 - 0.36 / height, reason, fontsize=12, fontweight="bold", color=INK)
+    second = ". ".join(filter(None, (bound[:1].upper() + bound[1:], tail)))
     figure.text(0.02, 1 - 0.58 / height, second, fontsize=TEXT, color=SOFT)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 from matplotlib import rc_context
@@ -32,12 +32,8 @@ COLOURS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Chart:
-    """A chart of a page: its SVG element, which tells where its axis is, and words on it."""
-
-    svg: str
-    label: str
+Chart = tuple[str, str]
+"""A chart of a page: its SVG element, which tells where its axis is, and words on it."""
 
 
 def over_pressure(run: Run) -> list[Chart]:
@@ -92,4 +88,4 @@ def chart(series: str, draw: Callable[[Axes], None]) -> Chart:
         f'data-right="{wide * box.x1:.2f}"><g{drawn}<line class="now" x1="-9" x2="-9" '
         f'y1="{deep * (1 - box.y1):.2f}" y2="{deep * (1 - box.y0):.2f}"/></svg>'
     )
-    return Chart(svg, f"{axes.get_ylabel()} over {axes.get_xlabel()}")
+    return svg, f"{axes.get_ylabel()} over {axes.get_xlabel()}"

@@ -7,9 +7,9 @@ import hashlib
 from importlib import resources
 from pathlib import Path
 
-from toros_fem.base.errors import OutputError, TorosError
+from toros_fem.base.errors import OutputError
 from toros_fem.base.files import naming, replace_file
-from toros_fem.making.packages import required, template
+from toros_fem.base.packages import required, template
 from toros_fem.results.report import tables
 from toros_fem.results.report.scene import packed_scene
 from toros_fem.results.runs.files import FILES
@@ -45,8 +45,6 @@ def page_of(run: Run, *, alone: bool = False) -> str:
     """
     try:
         return _page(run, alone=alone)
-    except TorosError:
-        raise
     except (AttributeError, LookupError, TypeError, ValueError) as caught:
         raise OutputError(
             f"{run.folder}: a file, most likely summary.json, holds a value that no run writes "

@@ -11,7 +11,7 @@ import shlex
 import signal
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial, reduce
 from pathlib import Path
 from types import TracebackType
@@ -321,15 +321,14 @@ def _require_room(folder: Path, *, overwrite: bool) -> bool:
     left, state = _whole(folder) - {NAME}, folder / STATE
     if not left or (left == {STATE} and not state.is_symlink() and not _whole(state)):
         return True
-    if not overwrite:
-        again = ", or replace its run by --overwrite" if (state / RECORD).exists() else ""
+    held = (state / RECORD).is_file() and not (state / RECORD).is_symlink()
+    if not (overwrite and held):
+        what = "is not empty"
+        if overwrite:
+            what = f"holds no run that could be overwritten: {state / RECORD} is missing"
+        other = "replace its run by --overwrite" if held and not overwrite else "empty this one"
         raise OutputError(
-            f"{folder} is not empty. Choose another folder{again}; nothing was done to its files."
-        )
-    if not (state / RECORD).is_file() or (state / RECORD).is_symlink():
-        raise OutputError(
-            f"{folder} holds no run that could be overwritten: {state / RECORD} is missing. Choose "
-            "another folder, or empty this one; nothing was done to its files."
+            f"{folder} {what}. Choose another folder, or {other}; nothing was done to its files."
         )
     _read_record(folder)
     return False
@@ -378,17 +377,14 @@ def _read_record(folder: Path) -> RunRecord:
     content = read_json(path, CheckpointError, ANEW)
     if not content:
         raise FileError(f"{folder} holds no run: {path} is missing. Start one there.")
-    found, damaged = content.get("format"), CheckpointError(f"{path} is damaged. {ANEW}")
+    found = content.get("format")
     if isinstance(found, int) and found != FORMAT:
         raise CheckpointError(
             f"{path} has format {found}; this version, {__version__}, reads format {FORMAT}. Go on "
             "with the version that wrote it, or start the run anew in another folder."
         )
-    try:
-        record = RunRecord(**content)
-    except TypeError:
-        raise damaged from None
-    whole = isinstance(record.inputs, dict) and isinstance(record.identity, str)
-    if found != FORMAT or not whole:
-        raise damaged
-    return record
+    known = content.keys() <= {one.name for one in fields(RunRecord)}
+    whole = isinstance(content.get("inputs"), dict) and isinstance(content.get("identity"), str)
+    if found != FORMAT or not (known and whole):
+        raise CheckpointError(f"{path} is damaged. {ANEW}")
+    return RunRecord(**content)

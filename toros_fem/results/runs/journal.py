@@ -127,7 +127,5 @@ class RunEntry(JournalEntry):
                     f"{self._path} could not be written: {reason(caught)}. The state of an earlier "
                     "iteration is kept there. Free some space and resume."
                 ) from None
-            except (TypeError, ValueError) as caught:  # NaN is no fault; a type that JSON lacks is
-                raise CheckpointError(f"{self._path} cannot hold this state: {caught}") from None
 
         on_first_rank(self._comm, write)

@@ -34,9 +34,8 @@ class FolderLock:
         try:
             self._file: int | None = os.open(path, flags, 0o644)
         except OSError as caught:
-            if caught.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
-                raise foreign from None
-            raise
+            strange = caught.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO)
+            raise (foreign if strange else caught) from None
         about = os.fstat(self._file)
         own = stat.S_ISREG(about.st_mode) and about.st_nlink == 1
         if not own or os.pread(self._file, len(HOLDER), 0) not in (b"", HOLDER):
@@ -44,16 +43,15 @@ class FolderLock:
             raise foreign
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        except OSError as caught:
             holder = os.read(self._file, 200).decode(errors="replace").strip()
             self.release()
-            raise OutputError(
+            in_use = OutputError(
                 f"{folder} is in use by a run{f', {holder}' if holder else ''}. Wait for its end, "
                 "stop it, or choose another folder."
-            ) from None
-        except OSError:  # a file system without locks
-            self.release()
-            raise
+            )
+            # Any other error is that of a file system without locks.
+            raise (in_use if isinstance(caught, BlockingIOError) else caught) from None
         os.ftruncate(self._file, 0)
         os.pwrite(self._file, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
 

@@ -144,9 +144,9 @@ def _read_table(path: Path, needed: Collection[str] = ()) -> list[dict[str, floa
         text = read_bytes(path, "table").decode("utf-8")
         rows = list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
         for number, row in enumerate(rows, 2):
-            if None in row.values() or None in row:
-                raise ValueError(f"line {number} has not as many cells as the first one")
-            for name in needed:
-                if not row.get(name) or not math.isfinite(float(row[name])):
-                    raise ValueError(f"line {number} has no {name}")
+            whole = None not in row.values() and None not in row
+            numbers = [float(row.get(name) or "nan") for name in needed]
+            if not whole or not all(map(math.isfinite, numbers)):
+                told = " and ".join(("as many cells as the first one", *needed))
+                raise ValueError(f"line {number} has not {told}")
         return [{k: float(v) for k, v in row.items() if v != "" and k not in WORDS} for row in rows]

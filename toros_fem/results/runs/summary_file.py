@@ -80,9 +80,8 @@ def _figure(row: Mapping[str, Any]) -> Figure:
     named = isinstance(found.name, str) and isinstance(found.unit, str)
     widths = (found.interval, found.tolerance)
     numbers = [one for one in (found.value, found.target, *widths) if one is not None]
-    if not named or not all(is_number(one) and isfinite(one) for one in numbers):
-        raise TypeError
-    if any(one is not None and one < 0 for one in widths):
+    finite = all(is_number(one) and isfinite(one) for one in numbers)
+    if not named or not finite or any(one is not None and one < 0 for one in widths):
         raise ValueError
     return found
 
