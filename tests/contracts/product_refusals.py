@@ -190,7 +190,8 @@ def _folding(bending: tf.Bending | None) -> object:
 
 def _stretched(angle: float = 0.0, gradient: Any = ALONG, density: float = 0.0) -> object:
     solver = solver_of(tile_of(3))
-    return solver.solve(np.full(len(solver.skin.owned_cells), density), angle, gradient)
+    load = tf.Load(gradient=gradient, angle=angle)
+    return solver.solve(np.full(len(solver.skin.owned_cells), density), load)
 
 
 def _profiled(angles: Any = (0.0,), strain: float = 0.1) -> ProfileSolver:

@@ -54,7 +54,8 @@ class EquilibriumSolver(TangentSolver):
             equilibrium snapped, is near a limit point, blown up or folded; on every rank.
         further: `chambers`: pressure chambers. `weight`: the skin's own weight. `contact`: what it
             touches. `design`: what is designed, if not densities. `quadratic`: triangles with a
-            quadratic displacement. None, or none given, leaves each out (`make_model.Further`).
+            quadratic displacement. `periodic`: the tile that repeats. None, or none given, leaves
+            each out (`make_model.Further`).
 
     Raises:
         ParameterError: An argument is of another type, or does not fit the skin.
@@ -88,6 +89,7 @@ class EquilibriumSolver(TangentSolver):
         sliding: Floats | None = None,
         raise_on_failure: bool = True,
         trial: bool = False,
+        once: bool = False,
     ) -> Equilibrium:
         """Solve for the stable equilibrium at a density and a load (collective).
 
@@ -111,6 +113,7 @@ class EquilibriumSolver(TangentSolver):
                 good state with `converged` False.
             trial: Whether the result may be rejected: the full load is tried once, with few steps
                 and a large tolerance, and without proof that the state is stable; see `finish`.
+            once: Whether to try the full load once only, as in a trial.
 
         Raises:
             ParameterError: The start cannot be relaxed into the stretch bounds (of two materials
@@ -120,7 +123,7 @@ class EquilibriumSolver(TangentSolver):
         """
         comm, model = self.skin.comm, self.model
         given = load_of(load)
-        require_flag(raise_on_failure=raise_on_failure, trial=trial)
+        require_flag(raise_on_failure=raise_on_failure, trial=trial, once=once)
         with together(comm):
             acting = given.on(model)
         density = model.design.check(density)
@@ -134,6 +137,7 @@ class EquilibriumSolver(TangentSolver):
             start = start.state
         self.forget()
         model.set_density(density)
+        model.set_load(acting)  # it turns the axes of a tile
         state = start_state(model, start)
         with together(comm):
             if near is not None and len(near.density) != len(density):
@@ -147,7 +151,7 @@ class EquilibriumSolver(TangentSolver):
             near,
             cold=cold,
             trial=trial,
-            direct=trial,
+            direct=trial or once,
         )
         result = self._solve(search, sliding)
         if raise_on_failure and not result.converged:

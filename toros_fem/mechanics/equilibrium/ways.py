@@ -95,7 +95,7 @@ class Search:
         """Solve once from a state (collective)."""
         self.model.set_density(density)
         self.model.set_load(load)
-        placed = self.prescribed(start, load.displacement)
+        placed = self.prescribed(start, load)
         return self.attempts(placed, max_steps, trial=self.trial)
 
     def run(
@@ -331,11 +331,13 @@ def settle(
     end = search_equilibrium(search)
     origin = None if near is None else near.origin
     # Between two designs there is no path that a skin takes. Where bodies or supports push it
-    # along, the path has been taken step by step. A path with friction is made of its steps.
+    # along, the path has been taken step by step. A path with friction is made of its steps. That
+    # of a tile is not followed.
     if origin is not None and (
         not same_design(model, origin.density, search.density)
         or (model.contact is not None and search.load.moves_from(origin.load))
         or model.slides
+        or model.images is not None
     ):
         origin = None
     snapped = critical = None
@@ -345,7 +347,7 @@ def settle(
             snapped, point = connect(
                 model,
                 search.newton,
-                lambda start, at: attempts(search.prescribed(start, at.displacement)),
+                lambda start, at: attempts(search.prescribed(start, at)),
                 origin,
                 point,
                 definite=attempts.definite and (near is None or near.definite),

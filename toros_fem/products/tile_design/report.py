@@ -175,9 +175,8 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
         state = None if made.profile is None else made.profile.states[0]
         if state is not None:
             positions = made.solver.tile.skin.gather_vertices(state.positions)
-            plots.plot_deformed(
-                folder / "deformed.png", made.tile, made.cells, positions, state.gradient
-            )
+            mean = made.solver.images.mean_gradient(state.state)
+            plots.plot_deformed(folder / "deformed.png", made.tile, made.cells, positions, mean)
 
     guarded(case.comm, folder, write)
     write_summary(case.comm, folder, found)  # last: a run with it has all its files

@@ -24,8 +24,7 @@ from toros_fem.meshes.mirror import FLAT
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin, sew
 from toros_fem.products.tiles.printed_tile import TileSheet
-from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import profiles
+from toros_fem.products.tiles.stiffness_profile import profiles, tile_solver
 
 Log = Callable[[NewtonStep | str], None]
 
@@ -203,7 +202,7 @@ def _stretch_weights(pattern: Pattern, axis: int, gauge: float) -> Floats:
 
 
 def predict(
-    solver: TileSolver, density: Floats, axis: int, strains: Sequence[float] | Floats
+    solver: EquilibriumSolver, density: Floats, axis: int, strains: Sequence[float] | Floats
 ) -> PullCurve:
     """Predict the pull of an unlimited sheet along x or y by the periodic tile (collective)."""
     found = profiles(solver, density, [axis * np.pi / 2], strains)
@@ -300,7 +299,7 @@ def pull_sheet(
     skin, torus = sew(comm, sheet.pattern), sew(comm, tile.pattern)
     machine = PullMachine(skin, composite, axis, gauge, log=log, quadratic=printed[sheet.cell])
     test = machine.pull(density[sheet.cell][skin.owned_cells], strains)
-    solver = TileSolver(torus, composite, Periodic(tile), quadratic=printed)
+    solver = tile_solver(torus, composite, Periodic(tile), quadratic=printed)
     owned = density[torus.owned_cells]
     predicted, middle = (
         predict(solver, owned, axis, at) for at in (strains, test.middle_strain[-1:])
