@@ -60,7 +60,7 @@ from toros_fem.measures.cross_sections import (
     CrossSections,
     label_cross_sections,
 )
-from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.gap import Body
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.contact.bodies import RigidBody
@@ -490,9 +490,6 @@ MEASURES: Table = {
         s.skin, s.pattern.points * [0, 0, 1], _shape(s)
     ).forward(s.pattern.points * [0, 0, 1]),
     "a body like an egg": lambda s: Body("egg", 0.04, (0.0, 0.0, 0.0)),
-    "a gap of short weights": lambda s: GapObjective(
-        s.skin, Body("box", 0.03, (0.0, 0.0, 0.0)), np.ones(len(s.pattern.points) - 1)
-    ),
     "a metric of two words": lambda s: _metric(1.0, "two words"),
     **{f"an axis {name}": lambda s, given=given: body_axis(s.pattern, *given)
        for name, given in {

@@ -44,10 +44,8 @@ from toros_fem.products.own_mesh.own_mesh import (
 from toros_fem.products.own_mesh.regions import Region
 from toros_fem.products.tiles.stiffness_profile import (
     ALONG,
-    Contrast,
     Profile,
     ProfileSolver,
-    ProfileTarget,
 )
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.tube import SectionTubeScene, plain_tube
@@ -212,25 +210,10 @@ TILES: Table = {
     **each(_stretched, {"angle": INF}, {"density": -0.1}, {"gradient": 1.1}),
     **{f"a tile by {name}": lambda s, given=given: _stretched(gradient=given)
        for name, given in {"2 × 2": np.eye(2), "3 × 3": np.eye(3), "NaN": NAN * ALONG}.items()},
-    **each(_profiled, {"strain": 0.0}, {"strain": -1.0}, {"strain": NAN}, {"strain": INF},
-           {"angles": []}, {"angles": [[0.0]]}, {"angles": [NAN]}),
+    **each(_profiled, {"strain": 0.0}, {"strain": -1.0}, {"strain": NAN}, {"strain": INF}),
     "a printed tile bends": lambda s: replace(printed_tile(), composite=tf.Composite()),
     "a printed tile has a bladder": lambda s: replace(printed_tile(), composite=tf.Composite(
         bending=None, bladder=tf.Bladder(1e6, 1e-4))),
-    "no target of a profile": lambda s: ProfileTarget(),
-    "targets of other shapes": lambda s: ProfileTarget(ONES, ONES[:2]),
-    "stiffnesses of no direction": lambda s: ProfileTarget(NAN * ONES),
-    "contractions of no direction": lambda s: ProfileTarget(contraction=NAN * ONES),
-    **{f"a target stiffness of {value}": lambda s, value=value: ProfileTarget(
-        np.array([1.0, value, NAN])) for value in (0.0, -2.0)},
-    **{f"the {name} of 3 directions of 2": lambda s, name=name: getattr(
-        ProfileTarget(ONES), name)(_profile()) for name in ("forward", "backward")},
-    "contractions of 3 directions of 2": lambda s: ProfileTarget(contraction=ONES).forward(
-        _profile()
-    ),
-    **{f"{name} of a contrast": lambda s, given=given: Contrast(*given) for name, given in {
-        "no stiff direction": (SOME, ~SOME & SOME), "no soft direction": (~SOME & SOME, SOME),
-        "other numbers of directions": (SOME, ONES > 0)}.items()},
 }  # fmt: skip
 
 # ----------------------------------------------------------------------------------- fits

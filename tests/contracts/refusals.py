@@ -32,7 +32,7 @@ from toros_fem.making.as_printed.free_islands import polished
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.materials.library.files import named, read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
-from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.gap import Body
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
@@ -431,10 +431,6 @@ METRICS: Table = {
     "metric hides the pressure": lambda s: s.designed(metrics=[_metric(1.0, "pressure", "pa")]),
     "metrics are one metric": lambda s: s.designed(metrics=_metric(1.0)),
     "metrics are functions": lambda s: s.designed(metrics=[tf.bend_angle]),
-    "gap's body is text": lambda s: GapObjective(s.skin, "ball", np.ones(9)),
-    "gap's weights are short": lambda s: GapObjective(
-        s.skin, Body("sphere", 0.01, (0, 0, 0)), np.ones(9)
-    ),
     "body's centre is a number": lambda s: Body("sphere", 0.01, 0.0),
     "body is a cone": lambda s: Body("cone", 0.01, (0, 0, 0)),
     "weights are negative": lambda s: ShapeObjective(

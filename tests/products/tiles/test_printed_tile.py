@@ -11,7 +11,7 @@ from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.base.archive import Archive, read_archive, write_archive
+from toros_fem.base.archive import read_archive, write_archive
 from toros_fem.products.tiles.printed_tile import (
     NAME,
     PrintedTile,
@@ -47,15 +47,6 @@ def test_bad_files(alone: MPI.Comm, tmp_path: Path, changes: dict[str, Any], mes
         read_tile(alone, tmp_path)
     write_archive(path, replace(content, arrays={**content.arrays, "region_sizes": np.ones(2)}))
     with pytest.raises(failure, match="the polygons do not fit"):
-        read_tile(alone, tmp_path)
-
-
-def test_a_file_of_triangles_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
-    """Older versions wrote them."""
-    numbers = {"size": [0.01, 0.01], "edge_length": 1e-3, "mesh": "crossed", "symmetry": "none"}
-    old = Archive("tile", {"printed": np.ones(400, dtype=bool)}, numbers)
-    write_archive(tmp_path / NAME, old)
-    with pytest.raises(errors.FileError, match="an older version wrote it: it holds triangles"):
         read_tile(alone, tmp_path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -44,16 +45,6 @@ PERIODS = {
 SAME_ANGLE = 1e-9
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A start, "lines" or "waves", after its first steps: T, islands and narrow places."""
-
-    start: str
-    objective: float
-    islands: int
-    narrow: int
-
-
 @dataclass(frozen=True, eq=False)
 class TileResult:
     """A design of a tile and its print.
@@ -68,7 +59,8 @@ class TileResult:
         profile: Profile of the print; None if it has no equilibrium.
         failure: Why there is no profile; empty if there is one.
         printability: Islands, lines and gaps of the print in the endless sheet.
-        trials: The random starts after their trial.
+        trials: The random starts, "lines" or "waves", after their first steps: T, islands and
+            narrow places of each.
         deviations: That of each print, before and after each correction; empty without a target.
     """
 
@@ -82,7 +74,7 @@ class TileResult:
     profile: Profile | None
     failure: str
     printability: TilePrintability
-    trials: tuple[Trial, ...] = ()
+    trials: Sequence[Mapping[str, Any]] = ()
     deviations: tuple[float, ...] = ()
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +86,7 @@ class TileRun(RunResult):
             "volume_fraction": last.volume_fraction,
             "grey_level": last.grey_level,
             "length_scale": None if limits is None or widths is None else limits.summary(widths),
-            "trials": [asdict(trial) for trial in made.trials],
+            "trials": list(made.trials),
             "corrections_percent": [100 * d if np.isfinite(d) else None for d in made.deviations],
             "iterations": last.iteration,
             "newton_steps": sum(row.newton_steps for row in design.history),

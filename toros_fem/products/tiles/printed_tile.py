@@ -105,8 +105,6 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     path = checked_path("folder", folder, FileError) / NAME
 
     def make(archive: Archive) -> PrintedTile:
-        if "printed" in archive.arrays:
-            raise FileError("an older version wrote it: it holds triangles, no polygons")
         numbers = dict(archive.numbers)
         composite = Composite.of_dict(numbers.pop("composite"))
         size = tuple(numbers.pop("size"))

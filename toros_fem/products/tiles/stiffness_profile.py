@@ -115,8 +115,7 @@ class ProfileSolver:
         batch: Communicator whose ranks share the directions; None for one rank.
 
     Raises:
-        ParameterError: There is no direction; the strain is 0, −1 or less, or not finite; other
-            components of F̄ are prescribed; or both tile and directions are spread over ranks.
+        ParameterError: The strain is 0, −1 or less, or not finite.
     """
 
     pressures = ()
@@ -132,18 +131,10 @@ class ProfileSolver:
         self.tile, self.strain = tile, float(strain)
         self.angles = np.array(angles, dtype=np.float64)
         self.batch = MPI.COMM_SELF if batch is None else batch
-        if self.angles.ndim != 1 or not len(self.angles) or not np.isfinite(self.angles).all():
-            raise ParameterError(f"angles = {angles} must be at least one finite direction in rad.")
         if not np.isfinite(strain) or strain == 0 or strain <= -1:
             raise ParameterError(f"strain = {strain} must be finite, above -1, and not 0.")
         assert tile.model.images is not None
         self.images = tile.model.images
-        if self.batch.size > 1 and tile.skin.comm.size > 1:
-            raise ParameterError(
-                f"the tile is spread over {tile.skin.comm.size} ranks and its directions over "
-                f"{self.batch.size}: spread only one of them. For small tiles, sew the whole tile "
-                "on each rank."
-            )
 
     @property
     def comm(self) -> MPI.Comm:
@@ -315,31 +306,10 @@ class ProfileTarget:
     Attributes:
         stiffness: Targets s* in N/m, (k,); None for none.
         contraction: Targets c*, (k,); None for none.
-
-    Raises:
-        ParameterError: The arrays do not fit together, a stiffness is not positive, or there is no
-            target.
     """
 
     stiffness: Floats | None = None
     contraction: Floats | None = None
-
-    def __post_init__(self) -> None:
-        given = [a for a in (self.stiffness, self.contraction) if a is not None]
-        shapes = {np.shape(a) for a in given}
-        if len(shapes) != 1:
-            raise ParameterError(
-                f"stiffness and contraction have shapes {sorted(shapes)}; give at least one of "
-                "them, each with one value for each direction."
-            )
-        if np.isnan(given).all():
-            raise ParameterError(
-                "all stiffnesses and contractions are NaN: there is no target. Give one for at "
-                "least one direction."
-            )
-        if self.stiffness is not None and np.any(self.stiffness <= 0):
-            smallest = float(np.nanmin(self.stiffness))
-            raise ParameterError(f"a target stiffness is {smallest:g} N/m; it must be positive.")
 
     def forward(self, profile: Profile) -> float:
         """Return T."""
@@ -370,12 +340,6 @@ class ProfileTarget:
         """Return the targets, and s/s* − 1 and c − c*, (2, k) each, NaN without a target."""
         none = np.full(len(profile.angles), np.nan)
         goals = [none if a is None else a for a in (self.stiffness, self.contraction)]
-        for given in goals:
-            if len(given) != len(none):
-                raise ParameterError(
-                    f"the target has {len(given)} directions, the profile {len(none)}. Give both "
-                    "the same directions."
-                )
         deviations = [profile.stiffness / goals[0] - 1, profile.contraction - goals[1]]
         return np.stack(goals), np.stack(deviations)
 
@@ -387,20 +351,10 @@ class Contrast:
     Attributes:
         soft: Directions of the numerator, (k,).
         stiff: Directions of the denominator, (k,).
-
-    Raises:
-        ParameterError: One of them is empty, or their lengths differ.
     """
 
     soft: Bools
     stiff: Bools
-
-    def __post_init__(self) -> None:
-        if not (self.soft.any() and self.stiff.any()) or self.soft.shape != self.stiff.shape:
-            raise ParameterError(
-                f"soft = {self.soft} and stiff = {self.stiff} must have the same length, and each "
-                "must select a direction."
-            )
 
     def forward(self, profile: Profile) -> float:
         """Return T."""
