@@ -23,7 +23,6 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem import meshes as m
 from toros_fem.base.files import guarded
-from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines.field import LineField
@@ -501,8 +500,6 @@ DESIGNS: Table = {
     "levels of nothing": lambda s: tf.optimize_levels(None, None),
     "levels without options": lambda s: tf.optimize_levels([s.design], []),
     "refined 0 times": lambda s: next(tf.refinements(s.design, 0)),
-    "random density leaves its bounds": lambda s: random_density(s.skin, 0, mean=0.95),
-    "random density of text": lambda s: random_density(s.skin, 0, mean="half"),
     "lines of a word": lambda s: LineField(s.pattern, "some", "0"),
     "lines of negative shares": lambda s: LineField(
         s.pattern, -np.ones((len(s.pattern.panel), 1)), np.zeros((len(s.pattern.panel), 1))

@@ -1,6 +1,5 @@
 """Design problems of tiles: their parts, distribution over ranks, short runs."""
 
-import dataclasses
 import time
 
 import numpy as np
@@ -83,12 +82,6 @@ def test_objective_of_zero() -> None:
     result = optimize(near, DesignOptions((Stage(12),), x_tol=1e-9), start=start)
     assert result.final.objective < 1e-12
     assert np.isfinite(result.density).all()
-
-
-def test_bad_problems(alone: MPI.Comm) -> None:
-    (term,) = tile_problem_of(CONTRAST, "chiral", alone, batched=False).terms
-    with pytest.raises(errors.ParameterError, match="price of perimeter = -1"):
-        dataclasses.replace(term, price=-1.0)
 
 
 def test_metric_of_a_target() -> None:
