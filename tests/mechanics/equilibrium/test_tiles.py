@@ -222,6 +222,19 @@ def test_stretched_beyond_the_bounds() -> None:
         pulled(solver, density, 0.4, 0.05 * ALONG, once=True)
 
 
+def test_a_start_that_leads_nowhere() -> None:
+    """It is tried once where that is asked for; else the flat sheet is stretched."""
+    found = tile_of(3)
+    solver = solver_of(found)
+    density = owned(solver, random_cells(found))
+    pressed = pulled(solver, density, 0.4, 0.3 * ALONG).state
+    with pytest.raises(NoEquilibriumError, match="at once: "):
+        pulled(solver, density, 0.4, 1.8 * ALONG, pressed, once=True)
+    state = pulled(solver, density, 0.4, 1.8 * ALONG, pressed)
+    fresh = pulled(solver, density, 0.4, 1.8 * ALONG)
+    assert state.state == pytest.approx(fresh.state, abs=1e-9 * SIDE)
+
+
 def test_flat_tiles_may_bend_in_any_way() -> None:
     for bending in (None, Bending(seams="hinged"), Bending(rest="assembled")):
         solver_of(tile_of(3), Composite(bending=bending))
