@@ -67,11 +67,10 @@ class Demo:
     @property
     def command(self) -> str:
         """Command of `toros` that runs it."""
-        return "simulate" if self.scene in ("inflate", "tile_sheet") else "design"
+        return "simulate" if self.scene == "inflate" else "design"
 
 
 LEGS, GRIP = ("angle_deg", "stride_mm"), ("gap_mm", "angle_deg", "held_mass_kg", INITIAL)
-ALONG = ("stiffness_along_x_n_per_m", "stiffness_along_x_predicted_n_per_m")
 STIFF = ("stiffness_at_0_deg_n_per_m", "stiffness_at_90_deg_n_per_m")
 SHAPE = ("shape_distance_percent", "tip_direction_deg")
 DEMOS = (
@@ -93,7 +92,6 @@ DEMOS = (
     Demo("tile", "Fig. 7", (WORST,), ("target=isotropic",)),
     Demo("tile", "Fig. 7", STIFF, ("target=anisotropic",)),
     Demo("tile", "Fig. 7", ("contraction_at_0_deg_fraction",), ("target=auxetic",)),
-    Demo("tile_sheet", "section 4.3: as its tile predicts", ALONG),
     Demo("own_design", "", ("angle_deg", *SHAPE)),
 )  # fmt: skip
 

@@ -35,8 +35,7 @@ from toros_fem.products.tile_design.as_printed import measure_print
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tile_design.tile import linear_profile
-from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import ProfileSolver, ProfileTarget
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver, ProfileTarget, tile_solver
 
 parser = argparse.ArgumentParser(description="Design a tile of fabric with a target stiffness.")
 parser.add_argument("--coarse", action="store_true", help="coarse meshes")
@@ -70,7 +69,7 @@ case = TileCase(comm, (SIZE, SIZE), edge, MESH, SYMMETRY, angles, ProfileTarget(
 composite = tf.Composite(bending=None)  # the sheet stays flat
 coarse = case.coarse.tile
 alone = tf.sew(MPI.COMM_SELF, coarse.pattern)  # each rank has the whole tile
-solver = ProfileSolver(TileSolver(alone, composite, Periodic(coarse)), angles, STRAIN, comm)
+solver = ProfileSolver(tile_solver(alone, composite, Periodic(coarse)), angles, STRAIN, comm)
 plain = solver.solve(np.zeros(len(alone.owned_cells)), gradients=False)
 if comm.rank == 0:
     print(f"plain fabric {plain.stiffness.round()}, asked {stiffness.round()} N/m")

@@ -57,8 +57,6 @@ COPIES: Mapping[str, tuple[str, str]] = {
     },
     "tile_pattern.png": ("tile", "pattern.png"),
     "tile_deformed.png": ("tile", "deformed.png"),
-    "tile_sheet.png": ("tile_sheet", "sheet_x.png"),
-    "tile_sheet_curve.png": ("tile_sheet", "curve.png"),
 }  # fmt: skip
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 

@@ -26,7 +26,7 @@ FILES = {"print_1.3mf": "print", "cut_1.svg": "panels"}
 LARGEST = 500_000
 # Pictures in the order in which they are shown, with their words; the first has its own line.
 SHOWN = {
-    "hero.png": "inflation", "profile.png": "stiffness", "sheet_x.png": "sheet",
+    "hero.png": "inflation", "profile.png": "stiffness",
     "inflation.png": "inflation", "inflation.gif": "film", "gait.gif": "gait",
     "shape.png": "shape", "curve.png": "curve", "gait.png": "phases", "tracks.png": "tracks",
     "lift.png": "lift", "lines.png": "lines", "pattern.png": "pattern", "deformed.png": "deformed",

@@ -23,8 +23,7 @@ from benchmarks.bench import Case, Row, Rows, markdown, timed, values_of
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes import sew, tile
-from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import ProfileSolver
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver, tile_solver
 
 Floats = npt.NDArray[np.float64]
 
@@ -47,7 +46,7 @@ def measure(pattern: str, edges: int) -> tuple[Floats, int, float, float]:
     patch, inside = plain.following(MPI.COMM_SELF, region, SIDE / edges)
     skin = sew(MPI.COMM_SELF, patch.pattern)
     density = inside[skin.owned_cells].astype(np.float64)
-    solver = TileSolver(skin, Composite(bending=None), Periodic(patch), quadratic=inside)
+    solver = tile_solver(skin, Composite(bending=None), Periodic(patch), quadratic=inside)
     profile = ProfileSolver(solver, ANGLES, STRAIN)
     found, cold = timed(lambda: profile.solve(density, gradients=False))
     _, warm = timed(lambda: profile.solve(0.999 * density, found))

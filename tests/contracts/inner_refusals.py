@@ -37,7 +37,6 @@ from contracts.refusals import (
 from toros_fem import meshes as m
 from toros_fem.design.density.bar_width import threshold_for_width
 from toros_fem.design.density.cone import cone_filter
-from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.projection import Projection
@@ -58,7 +57,7 @@ from toros_fem.measures.cross_sections import (
     CrossSections,
     label_cross_sections,
 )
-from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.gap import Body
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.contact.bodies import RigidBody
@@ -479,9 +478,6 @@ MEASURES: Table = {
         s.skin, s.pattern.points * [0, 0, 1], _shape(s)
     ).forward(s.pattern.points * [0, 0, 1]),
     "a body like an egg": lambda s: Body("egg", 0.04, (0.0, 0.0, 0.0)),
-    "a gap of short weights": lambda s: GapObjective(
-        s.skin, Body("box", 0.03, (0.0, 0.0, 0.0)), np.ones(len(s.pattern.points) - 1)
-    ),
     "a metric of two words": lambda s: _metric(1.0, "two words"),
     **{f"an axis {name}": lambda s, given=given: body_axis(s.pattern, *given)
        for name, given in {
@@ -520,8 +516,6 @@ DESIGNS: Table = {
     **{f"{name} lines of 3 radii": lambda s, name=name: threshold_for_width(name, 3.0)
        for name in ("cone", "helmholtz")},
     "lines of 10 cm": lambda s: _widths(s, True, line_width=0.1),
-    "no triangle has widths": lambda s: _widths(s, False),
-    "random densities below 0": lambda s: random_density(s.skin, 7, 0.1, spread=0.2),
     "2 widths for 3 families": lambda s: LineOptions(widths=(4e-3, 1e-3)).width_of(0, 3),
     "1 spacing for 2 families": lambda s: LineOptions(spacings=(0.02,)).width_of(0, 2),
     "3 widths for 2 families": lambda s: lay_lines(_field(), LineOptions(widths=(1, 1, 2))),

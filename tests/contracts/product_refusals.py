@@ -40,14 +40,10 @@ from toros_fem.products.own_mesh.own_mesh import (
     read_skin,
 )
 from toros_fem.products.own_mesh.regions import Region
-from toros_fem.products.tiles.printed_tile import print_layout, tile_sheet
-from toros_fem.products.tiles.pull_test import PullMachine
 from toros_fem.products.tiles.stiffness_profile import (
     ALONG,
-    Contrast,
     Profile,
     ProfileSolver,
-    ProfileTarget,
 )
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.tube import SectionTubeScene
@@ -170,7 +166,6 @@ def _gripped(scene: GripperScene) -> object:
 # ---------------------------------------------------------------------------------- tiles
 
 ONES, SOME = np.ones(3), np.array([True, False])
-FABRIC = tf.Composite(bending=None)
 
 
 def _folding(bending: tf.Bending | None) -> object:
@@ -179,7 +174,8 @@ def _folding(bending: tf.Bending | None) -> object:
 
 def _stretched(angle: float = 0.0, gradient: Any = ALONG, density: float = 0.0) -> object:
     solver = solver_of(tile_of(3))
-    return solver.solve(np.full(len(solver.skin.owned_cells), density), angle, gradient)
+    load = tf.Load(gradient=gradient, angle=angle)
+    return solver.solve(np.full(len(solver.skin.owned_cells), density), load)
 
 
 def _profiled(angles: Any = (0.0,), strain: float = 0.1) -> ProfileSolver:
@@ -192,47 +188,16 @@ def _profile() -> Profile:
     return Profile(0 * two, 0.1, two, two, two, two, (None,) * 2, (None,) * 2, 0, 0)
 
 
-def _pulled(axis: int = 0, gauge: float = 0.01, strains: Any = (0.1,)) -> object:
-    skin = tf.sew(ALONE, m.rectangle(ALONE, 0.01, 0.01, 2e-3, "crossed"))
-    machine = PullMachine(skin, FABRIC, axis, gauge)
-    return machine.pull(np.zeros(len(skin.owned_cells)), strains)
-
-
 TILES: Table = {
     **each(_folding, {"bending": None}, {"bending": tf.Bending(seams="hinged")},
            {"bending": tf.Bending(rest="assembled")}),
     **each(_stretched, {"angle": INF}, {"density": -0.1}, {"gradient": 1.1}),
     **{f"a tile by {name}": lambda s, given=given: _stretched(gradient=given)
        for name, given in {"2 × 2": np.eye(2), "3 × 3": np.eye(3), "NaN": NAN * ALONG}.items()},
-    **each(_profiled, {"strain": 0.0}, {"strain": -1.0}, {"strain": NAN}, {"strain": INF},
-           {"angles": []}, {"angles": [[0.0]]}, {"angles": [NAN]}),
-    **each(_pulled, {"strains": []}, {"strains": [0.0]}, {"strains": [0.1, -1.0]},
-           {"strains": [NAN]}, {"gauge": 0.02}, {"axis": 2}),
-    "a torus is pulled": lambda s: PullMachine(
-        tf.sew(ALONE, m.tile(ALONE, 0.01, 2e-3).pattern), FABRIC, 0, 0.01
-    ),
+    **each(_profiled, {"strain": 0.0}, {"strain": -1.0}, {"strain": NAN}, {"strain": INF}),
     "a printed tile bends": lambda s: replace(printed_tile(), composite=tf.Composite()),
     "a printed tile has a bladder": lambda s: replace(printed_tile(), composite=tf.Composite(
         bending=None, bladder=tf.Bladder(1e6, 1e-4))),
-    **{f"a sheet of tiles: {given}": lambda s, given=given: tile_sheet(tile_of(3), *given)
-       for given in (("z", 1, 1), ("x", 0, 1))},
-    "a print with a negative margin": lambda s: print_layout(
-        [tile_sheet(tile_of(3), "x", 1, 1)], printed_tile().region, -0.01
-    ),
-    "no target of a profile": lambda s: ProfileTarget(),
-    "targets of other shapes": lambda s: ProfileTarget(ONES, ONES[:2]),
-    "stiffnesses of no direction": lambda s: ProfileTarget(NAN * ONES),
-    "contractions of no direction": lambda s: ProfileTarget(contraction=NAN * ONES),
-    **{f"a target stiffness of {value}": lambda s, value=value: ProfileTarget(
-        np.array([1.0, value, NAN])) for value in (0.0, -2.0)},
-    **{f"the {name} of 3 directions of 2": lambda s, name=name: getattr(
-        ProfileTarget(ONES), name)(_profile()) for name in ("forward", "backward")},
-    "contractions of 3 directions of 2": lambda s: ProfileTarget(contraction=ONES).forward(
-        _profile()
-    ),
-    **{f"{name} of a contrast": lambda s, given=given: Contrast(*given) for name, given in {
-        "no stiff direction": (SOME, ~SOME & SOME), "no soft direction": (~SOME & SOME, SOME),
-        "other numbers of directions": (SOME, ONES > 0)}.items()},
 }  # fmt: skip
 
 # ----------------------------------------------------------------------------------- fits

@@ -23,7 +23,6 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem import meshes as m
 from toros_fem.base.files import guarded
-from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines.field import LineField
@@ -32,7 +31,7 @@ from toros_fem.making.as_printed.free_islands import polished
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.materials.library.files import named, read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
-from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.gap import Body
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
@@ -430,10 +429,6 @@ METRICS: Table = {
     "metric hides the pressure": lambda s: s.designed(metrics=[_metric(1.0, "pressure", "pa")]),
     "metrics are one metric": lambda s: s.designed(metrics=_metric(1.0)),
     "metrics are functions": lambda s: s.designed(metrics=[tf.bend_angle]),
-    "gap's body is text": lambda s: GapObjective(s.skin, "ball", np.ones(9)),
-    "gap's weights are short": lambda s: GapObjective(
-        s.skin, Body("sphere", 0.01, (0, 0, 0)), np.ones(9)
-    ),
     "body's centre is a number": lambda s: Body("sphere", 0.01, 0.0),
     "body is a cone": lambda s: Body("cone", 0.01, (0, 0, 0)),
     "weights are negative": lambda s: ShapeObjective(
@@ -504,8 +499,6 @@ DESIGNS: Table = {
     "levels of nothing": lambda s: tf.optimize_levels(None, None),
     "levels without options": lambda s: tf.optimize_levels([s.design], []),
     "refined 0 times": lambda s: next(tf.refinements(s.design, 0)),
-    "random density leaves its bounds": lambda s: random_density(s.skin, 0, mean=0.95),
-    "random density of text": lambda s: random_density(s.skin, 0, mean="half"),
     "lines of a word": lambda s: LineField(s.pattern, "some", "0"),
     "lines of negative shares": lambda s: LineField(
         s.pattern, -np.ones((len(s.pattern.panel), 1)), np.zeros((len(s.pattern.panel), 1))

@@ -13,7 +13,6 @@ from helpers.designs import full, shape_design
 from helpers.pillow import pillow
 from helpers.scenes import TABLE_A
 from helpers.standing import solver_on_base
-from helpers.tiles import printed_tile
 from helpers.worn import printed_tube
 from mpi4py import MPI
 
@@ -33,8 +32,6 @@ from toros_fem.mechanics.skin.dead_loads import Weight, spread_force
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import build_in, clamp, displace
 from toros_fem.meshes import Pattern, Skin, bend, cylinder, rectangle, sew
-from toros_fem.products.tiles.printed_tile import tile_sheet
-from toros_fem.products.tiles.pull_test import pull_sheet
 
 Found = dict[str, Any]
 
@@ -131,19 +128,6 @@ def levels(comm: MPI.Comm) -> Found:
     return {"objective": np.array([row.objective for row in rows])}
 
 
-def pulled(comm: MPI.Comm) -> Found:
-    """A sheet of printed tiles, pulled, and what one tile predicts."""
-    made = printed_tile()
-    mesh, printed = made.tile(comm)
-    sheet = tile_sheet(mesh, "y", 2, 1)
-    found = pull_sheet(comm, sheet, printed, made.composite, np.array([0.1]))
-    middle = [*found.stiffness, *found.contraction]
-    return {
-        "positions": found.test.positions, "forces": found.test.forces,
-        "stress": found.predicted.stress, "middle": np.array(middle),
-    }  # fmt: skip
-
-
 def tolerances(comm: MPI.Comm) -> Found:
     found = tf.tolerances(*printed_tube(comm))
     return {
@@ -159,7 +143,6 @@ ROWS: dict[str, tuple[Callable[[MPI.Comm], Found], float]] = {
     "everything": (everything, 1e-6),
     "design": (design, 1e-6),
     "levels": (levels, 1e-6),
-    "pulled": (pulled, 1e-6),
     "tolerances": (tolerances, 1e-6),
 }
 

@@ -21,8 +21,6 @@ from toros_fem.design.relaxed.find import find_lines
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.products.tile_design.problem import tile_problem
 from toros_fem.products.tile_design.tile import tile_case
-from toros_fem.products.tiles import pulled_sheet
-from toros_fem.products.tiles.pull_test import pull_sheet
 from toros_fem.products.tubes.inflate import METRICS
 from toros_fem.products.tubes.tube import plain_planes, plain_tube
 
@@ -76,15 +74,6 @@ def tile(case: Any, scene: Any, _: Any = None) -> Model:
     return numbers, settings, [row.objective for row in one.history]
 
 
-def sheet(
-    comm: MPI.Comm, of: Any, printed: Any, composite: Any, strains: Any, _: Any = None
-) -> Model:
-    numbers = {"points": of.pattern.points, "tile": of.tile.pattern.points, "strains": strains}
-    numbers |= {"printed": printed, "cell": of.cell}
-    found = pull_sheet(comm, of, printed, composite, strains[:2])
-    return numbers, composite, [*found.test.stiffness, *found.predicted.stiffness]
-
-
 def path(solver: Any, density: Any, pressures: Any, metrics: Any) -> Model:
     points = islice(trace(solver, density, pressures, metrics), 2)
     figures = [value for point in points for value in point.metrics.values()]
@@ -114,14 +103,6 @@ def scene_tile(comm: MPI.Comm, scene: Any) -> Model:
     return tile(tile_case(comm, scene), scene)
 
 
-def scene_sheet(comm: MPI.Comm, scene: Any) -> Model:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pulled_sheet, "pull_sheet", ending(sheet))
-        with pytest.raises(EndedError) as ended:
-            scene.run_simulation(comm, "unused")
-    return ended.value.args[0]
-
-
 def ending(steps: Callable[..., Model]) -> Callable[..., None]:
     """Return a function that ends its caller by the model that it is given."""
 
@@ -142,7 +123,6 @@ DEMOS: dict[str, tuple[str, Callable[..., Model], Callable[..., Model]]] = {
     "walker": ("optimize_levels", levels, scene_levels),
     "gripper": ("optimize_levels", levels, scene_levels),
     "tile": ("products.tile_design.search.design_tile", tile, scene_tile),
-    "tile_sheet": ("products.tiles.pull_test.pull_sheet", sheet, scene_sheet),
 }
 ON_RANKS = ["bend", "contract"]
 
@@ -181,12 +161,12 @@ def test_on_all_ranks(
     compare(comm, name, tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("name", [*DEMOS, "three_field"])
+@pytest.mark.parametrize("name", [*DEMOS, "three_field", "tile_sheet"])
 def test_is_a_short_script_with_four_options(name: str) -> None:
     text = (ROOT / "demos" / f"{name}.py").read_text(encoding="utf-8")
     seeds = [] if name == "tile_sheet" else ["seed"]  # nothing is random there
     assert re.findall(r'"--(.*?)"', text) == ["coarse", *seeds, "output", "overwrite"]
-    if name in DEMOS:
+    if name != "three_field":
         assert text.startswith("# %% [markdown]\n# # ")
         assert len(text.splitlines()) <= 130
 
@@ -197,3 +177,17 @@ def test_prints_are_read_on_their_own_mesh(name: str) -> None:
     *_, after = (ROOT / "demos" / f"{name}.py").read_text().partition("printed = ")
     assert after
     assert not re.search(r"\bdesign\.skin\b|\bprinted\.cells\b", after)
+
+
+def test_the_middle_of_a_sheet_is_pulled_as_its_tile(
+    comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shared(comm, tmp_path)
+    monkeypatch.setattr(sys, "argv", ["tile_sheet", "--coarse", "--output", str(folder)])
+    rows = runpy.run_path(str(ROOT / "demos" / "tile_sheet.py"), run_name="__main__")["rows"]
+    last = {key: float(value) for key, value in rows[-1].items()}
+    assert last["stress_n_per_m"] == pytest.approx(last["stress_predicted_n_per_m"], rel=0.05)
+    assert last["stress_n_per_m"] == pytest.approx(42.20104966, rel=1e-6)
+    assert last["contraction"] == pytest.approx(0.9662487244, rel=1e-6)
+    assert last["contraction_predicted"] == pytest.approx(1.0740217672, rel=1e-6)
+    assert 0.1 < last["middle_strain"] < 0.12, "clamps keep the ends wide"

@@ -22,7 +22,7 @@ from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import cylinder, sew, tile
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.tiles.solver import TileSolver
+from toros_fem.products.tiles.stiffness_profile import tile_solver
 
 Maker = Callable[[MPI.Comm], Any]
 # A coarse tube of some 250 triangles, and robots as coarse.
@@ -59,10 +59,10 @@ def heavy(comm: MPI.Comm) -> EquilibriumSolver:
     )
 
 
-def periodic(comm: MPI.Comm, *, flat: bool) -> TileSolver:
+def periodic(comm: MPI.Comm, *, flat: bool) -> EquilibriumSolver:
     """Return the solver of a tile that stays in its plane or may leave it."""
     part = tile(comm, 0.02, 5e-3)
-    return TileSolver(sew(comm, part.pattern), Composite(), Periodic(part, UNIAXIAL, flat))
+    return tile_solver(sew(comm, part.pattern), Composite(), Periodic(part, UNIAXIAL, flat))
 
 
 SKINS: dict[str, Maker] = {

@@ -15,7 +15,6 @@ from helpers.designs import problem_of as scene_problem
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from toros_fem import meshes
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
@@ -32,8 +31,6 @@ from toros_fem.products.gripper import gripper
 from toros_fem.products.own_mesh import own_mesh
 from toros_fem.products.tile_design import tile
 from toros_fem.products.tile_design.problem import tile_problem
-from toros_fem.products.tiles.printed_tile import MEMBRANE, tile_sheet
-from toros_fem.products.tiles.pull_test import pull_sheet
 from toros_fem.products.tubes import bend, bend_twist, contract, inflate, twist
 from toros_fem.products.tubes.tube import plain_tube
 from toros_fem.products.walker import walker as walking
@@ -178,26 +175,6 @@ def test_tile(comm: MPI.Comm, target: str, pinned: Callable[..., None]) -> None:
     density = np.clip(density, 0.02, 0.98)
     pinned(f"evaluation/{target}_tile", figures_of(problem, *problem.evaluate(density)))
     pinned(f"two_steps/{target}_tile", steps_figures(problem, density), rel=1e-4)
-
-
-def test_tile_sheet(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
-    mesh = meshes.tile(comm, 0.01, 1.2e-3)
-    x, y = mesh.pattern.centroids.T
-    printed = np.minimum(np.abs(x - y), np.abs(x + y - 0.01)) < 1e-3
-    sheet = tile_sheet(mesh, "x", 2, 2)
-    pulled = pull_sheet(comm, sheet, printed, MEMBRANE, np.array([0.05, 0.1]))
-    curve, expected = pulled.test, pulled.predicted
-    figures = {
-        "stress in N/m": curve.stress,
-        "contraction": curve.contraction,
-        "strain of the middle": pulled.test.middle_strain,
-        "forces in N": pulled.test.forces,
-        "positions in m": pulled.test.positions,
-        "stress of the tile in N/m": expected.stress,
-        "contraction of the tile": expected.contraction,
-        "stiffness in N/m": curve.stiffness,
-    }
-    pinned("evaluation/pulled_sheet", figures)
 
 
 @pytest.mark.parametrize("wrinkling", [None, "tension-field"])

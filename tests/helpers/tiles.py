@@ -11,28 +11,32 @@ from shapely.affinity import translate
 from shapely.geometry import box
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.mpi import dot
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
 from toros_fem.materials.sheet import Composite, Material
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
 from toros_fem.products.tile_design.as_printed import TileResult, simulated_print
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
 from toros_fem.products.tile_design.starts import random_waves
 from toros_fem.products.tiles.printed_tile import MEMBRANE, PrintedTile
-from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import (
     Contrast,
     Profile,
     ProfileSolver,
     ProfileTarget,
+    tile_solver,
 )
 
 SIDE = 0.02
 ANGLES = np.arange(12) * np.pi / 12
-# Materials A and R of the reference tables, 1 m thick, so that N/m are Pa.
-A = Material(young=400e3 / 3, poisson=1 / 3, thickness=1.0)
-R = Material(young=400e5 / 3, poisson=1 / 3, thickness=1.0)
+# Materials A and R of the reference tables, 1 mm thick, with moduli in kPa: N/m are Pa.
+A = Material(young=400e6 / 3, poisson=1 / 3, thickness=1e-3)
+R = Material(young=400e8 / 3, poisson=1 / 3, thickness=1e-3)
 
 
 def table_composite() -> Composite:
@@ -59,19 +63,56 @@ def solver_of(
     prescribed: tuple[tuple[bool, bool], ...] = UNIAXIAL,
     flat: bool = True,
     alone: bool = False,
-) -> TileSolver:
+) -> EquilibriumSolver:
     """Return the solver of a tile distributed over the ranks, or of a whole one on each rank."""
     skin = sew(MPI.COMM_SELF if alone else MPI.COMM_WORLD, tile.pattern)
-    return TileSolver(skin, composite or Composite(), Periodic(tile, prescribed, flat))
+    return tile_solver(skin, composite or Composite(), Periodic(tile, prescribed, flat))
 
 
-def owned(solver: TileSolver, density: np.ndarray) -> np.ndarray:
+def pulled(
+    solver: EquilibriumSolver,
+    density: np.ndarray,
+    angle: float,
+    gradient: np.ndarray,
+    start: Equilibrium | np.ndarray | None = None,
+    *,
+    once: bool = False,
+) -> Equilibrium:
+    """Return the equilibrium of an owned density at a mean deformation along a direction."""
+    return solver.solve(density, Load(gradient=gradient, angle=angle), start, once=once)
+
+
+def mean_gradient(solver: EquilibriumSolver, at: Equilibrium) -> np.ndarray:
+    return solver.model.images.mean_gradient(at.state)
+
+
+def area_of(solver: EquilibriumSolver) -> float:
+    return float(solver.skin.pattern.areas.sum())
+
+
+def mean_stress(solver: EquilibriumSolver, at: Equilibrium) -> np.ndarray:
+    """Return the mean stress in N/m, (3, 2), zero where F̄ is free."""
+    solver.tangent_at(at)
+    images = solver.model.images
+    stress = images.mean_force(solver.model.variation(at.state)) / area_of(solver)
+    return np.where(np.array(images.periodic.prescribed), stress, 0.0)
+
+
+def mean_stiffness(solver: EquilibriumSolver, at: Equilibrium, changes: np.ndarray) -> np.ndarray:
+    """Return the second derivative of the mean energy in N/m, (k, k), by parts of F̄."""
+    pairs = [solver.stretch(at, change) for change in changes]
+    return np.array([[dot(solver.skin.comm, f, q) for _, q in pairs] for f, _ in pairs]) / area_of(
+        solver
+    )
+
+
+def owned(solver: EquilibriumSolver, density: np.ndarray) -> np.ndarray:
     """The owned part of a density of all triangles."""
     return density[solver.skin.owned_cells]
 
 
 def profile_of(
-    solver: TileSolver, density: np.ndarray, strain: float, angles: np.ndarray = ANGLES
+    solver: EquilibriumSolver, density: np.ndarray, strain: float, angles: np.ndarray = ANGLES
 ) -> Profile:
     """Return the profile of a density at all triangles of the tile."""
     owned = density[solver.skin.owned_cells]

@@ -64,8 +64,11 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
 from toros_fem.products.tile_design.problem import TileProblem
-from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import ProfileObjective, ProfileSolver
+from toros_fem.products.tiles.stiffness_profile import (
+    ProfileObjective,
+    ProfileSolver,
+    tile_solver,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,7 +356,7 @@ def tile_problem(
     found = small_tile()
     skin = sew(MPI.COMM_SELF if batched else comm, found.pattern)
     solver = ProfileSolver(
-        TileSolver(skin, Composite(), Periodic(found, UNIAXIAL, True)), DIRECTIONS, strain,
+        tile_solver(skin, Composite(), Periodic(found, UNIAXIAL, True)), DIRECTIONS, strain,
         comm if batched else None,
     )  # fmt: skip
     inner = cone_filter(skin, TILE_RADIUS, found.lattice)

@@ -53,10 +53,6 @@ SCENES: dict[str, tuple[str, dict[str, str]]] = {
          "draft_iterations": "1", "finish_iterations": "1", "corrections": "0"},
     ),
     "inflate": ("simulate", {"edge_length": "5 mm", "levels": "4"}),
-    "tile_sheet": (
-        "simulate",
-        {"along": "3", "across": "1", "strain_steps": "2", "edge_length": "0.7143 mm"},
-    ),
 }  # fmt: skip
 
 

@@ -275,8 +275,7 @@ def periodic(composite: Composite = SHEET) -> tuple[np.ndarray, SkinModel]:
     model.set_density(np.random.default_rng(5).uniform(0, 1, len(found.wraps)))
     model.images.turn(0.4)
     state, gradient = model.assembled, np.array([[1.08, 0.06], [-0.03, 0.95], [0.0, 0.0]])
-    turned = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
-    model.positions(state)[:] = model.positions(state)[:, :2] @ turned @ gradient.T
+    model.positions(state)[:] = model.positions(state)[:, :2] @ gradient.T
     state += 3e-5 * np.random.default_rng(3).uniform(-1, 1, len(state)) * model.free
     model.images.set_mean_gradient(state, gradient)
     return state, model

@@ -37,7 +37,7 @@ def test_states(value: float | None, interval: float | None, state: State) -> No
     told = figure.as_dict()
     assert told["state"] == state
     reached = {REACHED: True, MISSED: False, NOT_CERTAIN: None}[state]
-    assert told["reached"] is figure.reached is reached
+    assert told["reached"] is reached
 
 
 def test_without_target_or_tolerance_there_is_no_state() -> None:
@@ -98,10 +98,10 @@ def test_a_miss_has_a_sign_and_a_reason() -> None:
     assert Figure("angle", "deg", 90.0).miss is None
     assert figure.why == "angle 5.0° beyond 90° (± 4.0°; within 2.7° is reached)"
     back = Figure("angle", "deg", -55.0, 1.0, -60.0, 1.8)
-    assert back.off == "5.0° short of -60°"
-    assert back.off_with_error == "5.0 ± 1.0° short of -60°"
+    assert back.off() == "5.0° short of -60°"
+    assert back.off(with_error=True) == "5.0 ± 1.0° short of -60°"
     part = Figure("shortening", "percent", 8.1, 2.0, 8.0, 0.24)
-    assert part.off_with_error == "0.1 ± 2.0 percentage points beyond 8 %"
+    assert part.off(with_error=True) == "0.1 ± 2.0 percentage points beyond 8 %"
     shape = Figure("shape_distance", "percent", 9.71, 0.4, 0.0, 3.0)
     assert shape.why == "shape distance 9.71 % (± 0.40 %; within 3 % is reached)"
     unknown = Figure("angle", "deg", 88.9, None, 90.0, 2.7)

@@ -97,7 +97,6 @@ def test_doubted(kind: str, key: str, value: float, group: str) -> None:
         ("tile", "print_width", 0.6),
         ("tile", "filter_radius", 0.7),
         ("tile", "c1", 1900.0),
-        ("tile-sheet", "margin", 1000.0),
     ],
 )
 def test_refused(kind: str, key: str, value: float) -> None:
@@ -248,16 +247,6 @@ def test_check_refuses_what_the_finest_mesh_cannot_do(
     assert run(MPI.COMM_SELF, ["check", str(path), "--coarse"]) == 0
     path.write_text('kind = "twist"\n[design]\nline_width = "20 mm"\n', "utf-8")
     assert run(MPI.COMM_SELF, ["check", str(path), "--coarse"]) == 0
-
-
-def test_a_sheet_of_tiles_is_not_pulled_beyond_its_bounds(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It was tried for minutes."""
-    path = tmp_path / "a.toml"
-    path.write_text('kind = "tile-sheet"\n[pull]\nstrain = 100\n', encoding="utf-8")
-    assert run(MPI.COMM_SELF, ["simulate", str(path), "--output", str(tmp_path / "run")]) == 2
-    assert f"{path}, line 3: strain = 100.0 must be below c1 − 1" in capsys.readouterr().err
 
 
 def test_design_is_refused_with_line_and_leaves_no_run(

@@ -82,28 +82,23 @@ class CrossSections:
         for name in ("position_weights", "orientation_weights"):
             weights = real_numbers(name, getattr(self, name), "one for each cross-section")
             object.__setattr__(self, name, weights)
-        if labels.ndim != 1:
-            raise ParameterError(f"labels has shape {labels.shape}; it must be (n,).")
         count = int(self.labels.max(initial=-1)) + 1
         sizes = np.bincount(self.labels[self.labels >= 0], minlength=count)
-        if count == 0 or sizes.min() < 3:
+        if labels.ndim != 1 or count == 0 or sizes.min() < 3:
             least = int(sizes.min()) if count else 0
             raise ParameterError(
                 f"labels make {count} cross-sections, the smallest of them with so many vertices: "
-                f"{least}; each needs at least 3. Use fewer cross_sections, or a finer mesh."
+                f"{least}; each needs at least 3, and labels one number for each vertex, (n,). Use "
+                "fewer cross_sections, or a finer mesh."
             )
         position, orientation = self.position_weights, self.orientation_weights
-        if position.shape != (count, 3) or orientation.shape != (count,):
+        fits = position.shape == (count, 3) and orientation.shape == (count,)
+        both = np.append(position, orientation)
+        if not (fits and np.isfinite(both).all() and both.min() >= 0 and both.max() > 0):
             raise ParameterError(
                 f"position_weights have shape {position.shape} and orientation_weights "
                 f"{orientation.shape}; with {count} cross-sections they must be ({count}, 3) and "
-                f"({count},)."
-            )
-        both = np.column_stack([position, orientation])
-        if not (np.isfinite(both).all() and both.min() >= 0 and both.max() > 0):
-            raise ParameterError(
-                "position_weights and orientation_weights must be finite, not negative, and not "
-                "all zero."
+                f"({count},), finite, not negative, and not all zero."
             )
 
 

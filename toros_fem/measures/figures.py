@@ -138,14 +138,10 @@ class Figure:
             return State.REACHED
         return State.NOT_CERTAIN
 
-    @property
-    def reached(self) -> bool | None:
-        """Whether its state is reached; None where it is not certain, or has no state."""
-        return {State.REACHED: True, State.MISSED: False}.get(self.state)  # type: ignore[arg-type]
-
     def as_dict(self) -> dict[str, Any]:
         """Return it as summaries hold it."""
-        return {**asdict(self), "state": self.state, "reached": self.reached}
+        reached = {State.REACHED: True, State.MISSED: False}.get(self.state)  # type: ignore[arg-type]
+        return {**asdict(self), "state": self.state, "reached": reached}
 
     def rounded(self, value: float, *, unit: bool = True) -> str:
         """Return a value, or a change of it, with no more digits than the error supports.
@@ -206,28 +202,21 @@ class Figure:
         """The tolerance with its unit."""
         return formatted(self.tolerance, self.unit, 2)
 
-    @property
-    def off(self) -> str:
-        """How far the value is from the target in words, such as "5.9° short of 180°"."""
-        return self._off(self.rounded(abs(self.miss or 0.0)))
+    def off(self, *, with_error: bool = False) -> str:
+        """How far the value is from the target in words, such as "5.9° short of 180°".
 
-    @property
-    def off_with_error(self) -> str:
-        """The same with the half-width of its interval, such as "5.9 ± 1.1° short of 180°"."""
-        far = abs(self.miss or 0.0)
-        if self.interval is None:
-            return self._off(self.rounded(far))
-        return self._off(f"{self.rounded(far, unit=False)} ± {self.rounded(self.interval)}")
-
-    def _off(self, far: str) -> str:
+        With the half-width of its interval it is "5.9 ± 1.1° short of 180°".
+        """
         if self.miss is None or self.target is None:
             return self.shown
+        wide = self.interval if with_error else None
+        far = self.rounded(abs(self.miss), unit=wide is None)
+        far += "" if wide is None else f" ± {self.rounded(wide)}"
         if self.target == 0:
             return far
         if round(unit_of(self.unit).factor * self.miss, self._digits) == 0:
             return f"as asked, {formatted(self.target, self.unit)}"
-        less = abs(self.value or 0.0) < abs(self.target)
-        side = "short of" if less else "beyond"
+        side = "short of" if abs(self.value or 0.0) < abs(self.target) else "beyond"
         far = far.replace(" %", " percentage points")
         return f"{far} {side} {formatted(self.target, self.unit)}"
 
@@ -238,7 +227,7 @@ class Figure:
             return f"{self.label}: {self.shown}"
         width = self.interval
         known = "its error is unknown" if width is None else f"± {self.rounded(width)}"
-        return f"{self.label} {self.off} ({known}; within {self.allowed} is reached)"
+        return f"{self.label} {self.off()} ({known}; within {self.allowed} is reached)"
 
     @property
     def words(self) -> str:

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot
 from toros_fem.base.validation import (
     checked_floats,
-    require_between,
     require_choice,
-    require_kind,
     require_positive,
 )
-from toros_fem.measures.shape import Nodes, require_nodes
+from toros_fem.measures.shape import Nodes
 from toros_fem.meshes.pattern import Pattern
 
 SHAPES = ("sphere", "box")
@@ -89,16 +86,7 @@ class GapObjective:
     """
 
     def __init__(self, skin: Nodes, body: Body, weights: Floats, factor: float = 1.0) -> None:
-        require_between(0.0, np.inf, factor=factor)
-        require_nodes(skin)
-        require_kind("body", body, Body, "a Body")
-        pattern, count = skin.pattern, len(skin.pattern.points)
-        weights = checked_floats("weights", weights, f"finite and ({count},)", lambda _: True)
-        if weights.shape != (len(pattern.points),) or not (weights.min() >= 0 < weights.max()):
-            raise ParameterError(
-                f"weights have shape {weights.shape}; they must have shape "
-                f"({len(pattern.points)},), be not negative, and not all zero."
-            )
+        pattern = skin.pattern
         areas = pattern.vertex_areas * weights
         self._comm, self._body = skin.comm, body
         self._weight = factor * areas[skin.owned_vertices] / (areas.sum() * pattern.size**2)

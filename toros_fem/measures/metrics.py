@@ -140,8 +140,7 @@ class Metric:
 
 def check_metrics(metrics: Sequence[Metric]) -> None:
     """Check that metrics come as a list and have different keys."""
-    if not isinstance(metrics, list | tuple):
-        raise ParameterError(f"metrics = {shown(metrics)} must be a list of Metrics.")
+    require_kind("metrics", metrics, (list, tuple), "a list of Metrics")
     for metric in metrics:
         require_kind("metrics", metric, Metric, "Metrics, by Metric(name, unit, target, function)")
     keys = [metric.key for metric in metrics]

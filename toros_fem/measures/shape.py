@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, sum_over_ranks
-from toros_fem.base.validation import real_numbers, shown
+from toros_fem.base.validation import checked_floats, real_numbers, shown
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import OtherMesh
 
@@ -167,16 +167,8 @@ def checked_target(skin: Nodes, target: Floats) -> Floats:
     """Return the target positions of all assembled vertices, (n, 3), checked."""
     require_nodes(skin)
     n = len(skin.pattern.points)
-    target = real_numbers("target", target, f"positions ({n}, 3) in m, or a map", ParameterError)
-    if target.shape != (n, 3):
-        raise ParameterError(
-            f"the target has shape {target.shape}; this skin has {n} vertices, so the shape must "
-            f"be ({n}, 3), in the order of pattern.points."
-        )
-    if not np.isfinite(target).all():
-        vertex = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
-        raise ParameterError(f"target vertex {vertex} = {target[vertex]} is not finite.")
-    return target
+    what = f"positions ({n}, 3) in m, in the order of pattern.points, or a map"
+    return checked_floats("target", target, what, (n, 3))
 
 
 def require_near(pattern: Pattern, target: Floats) -> None:
@@ -210,11 +202,13 @@ def weighted_areas(
     if given is None:
         return areas * np.full(shape, default)
     factors = real_numbers(name, given, "one factor for each vertex")
-    if factors.shape not in (shape, shape[:1]) or (factors.ndim == 1) != (columns == 1):
+    fits = factors.shape in (shape, shape[:1]) and (factors.ndim == 1) == (columns == 1)
+    if not (fits and np.isfinite(factors).all() and factors.min() >= 0) or (
+        default > 0 and not factors.max() > 0
+    ):
         allowed = f"({shape[0]},)" + (f" or ({shape[0]}, 3)" if name == "weights" else "")
-        raise ParameterError(f"{name} have shape {factors.shape}; the shape must be {allowed}.")
-    if not (np.isfinite(factors).all() and factors.min() >= 0):
-        raise ParameterError(f"{name} must be finite and not negative.")
-    if default > 0 and not factors.max() > 0:
-        raise ParameterError(f"{name} must not all be zero.")
+        raise ParameterError(
+            f"{name} have shape {factors.shape}; they must be {allowed}, finite, not negative, and "
+            "not all zero."
+        )
     return areas * factors.reshape(shape)

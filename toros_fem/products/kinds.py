@@ -18,7 +18,6 @@ _SCENES = {
     "walker": ("walker.walker.WalkerScene", "an X-shaped robot that stands up or crawls"),
     "gripper": ("gripper.gripper.GripperScene", "a gripper whose fingers close on an object"),
     "tile": ("tile_design.tile.TileScene", "a periodic fabric of designed stiffness"),
-    "tile-sheet": ("tiles.pulled_sheet.TileSheetScene", "a pull test of a sheet of tiles"),
     "own-mesh": ("own_mesh.own_mesh.OwnMeshScene", "a skin of your own, from a mesh file"),
 }
 ABOUT: Mapping[str, str] = MappingProxyType({name: about for name, (_, about) in _SCENES.items()})

@@ -187,9 +187,6 @@ def test_a_scene_without_knit(tmp_path: Path) -> None:
     path.write_text('kind = "tile"\nmaterial.fabric = "rib-knit"\n', encoding="utf-8")
     with pytest.raises(FileError, match="'rib-knit' has a knit_ratio, which scenes of this kind"):
         read_scene(path)
-    path.write_text('kind = "tile-sheet"\nmaterial.fabric = "rib-knit"\n', encoding="utf-8")
-    with pytest.raises(FileError, match="unknown table 'material'"):
-        read_scene(path)
 
 
 def test_written_scene_has_the_numbers_and_says_the_names(tmp_path: Path) -> None:

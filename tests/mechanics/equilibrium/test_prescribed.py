@@ -29,12 +29,13 @@ def strip(alone: MPI.Comm) -> SkinModel:
 
 def test_a_pulled_strip_is_stretched_evenly(strip: SkinModel) -> None:
     points = strip.skin.pattern.points
-    pull = np.where(points[:, :1] > SIZE / 2, [[0.3 * SIZE, 0.0, 0.1 * SIZE]], 0.0)
+    moves = np.where(points[:, :1] > SIZE / 2, [[0.3 * SIZE, 0.0, 0.1 * SIZE]], 0.0)
+    pull = Load(displacement=moves)
     place = PrescribedDisplacement(strip)
     moved = strip.skin.gather_vertices(strip.positions(place(strip.assembled, pull)))
     assert moved == pytest.approx(points + points[:, :1] * [0.3, 0.0, 0.1], abs=1e-7 * SIZE)
     # From there, back to the assembled positions.
-    state = place(place(strip.assembled, pull), None)
+    state = place(place(strip.assembled, pull), Load())
     assert strip.skin.gather_vertices(strip.positions(state)) == pytest.approx(
         points, abs=1e-7 * SIZE
     )
@@ -43,7 +44,7 @@ def test_a_pulled_strip_is_stretched_evenly(strip: SkinModel) -> None:
 def test_free_components_keep_their_place_where_nothing_jumps(strip: SkinModel) -> None:
     state = strip.assembled
     state[strip.free] += 1e-3 * SIZE
-    placed = PrescribedDisplacement(strip)(state, None)
+    placed = PrescribedDisplacement(strip)(state, Load())
     assert np.array_equal(placed, state)
 
 

@@ -119,7 +119,7 @@ def test_print_without_equilibrium(
     )
     assert summary["design"]["angle_deg"] is not None
     assert made.errors is None
-    assert made.figures[0].reached is False
+    assert made.figures[0].as_dict()["reached"] is False
     assert "angle no equilibrium of 45°" in made.sentence()
     times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir() if path.is_file()}
     of_design = ("history.csv", "print.npz", "pattern.svg", "skin.vtu")

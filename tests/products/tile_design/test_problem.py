@@ -1,12 +1,10 @@
 """Design problems of tiles: their parts, distribution over ranks, short runs."""
 
-import dataclasses
 import time
 
 import numpy as np
 import pytest
 from helpers.tiles import (
-    ANGLES,
     CONTRAST,
     DIRECTIONS,
     EDGES,
@@ -16,7 +14,6 @@ from helpers.tiles import (
     TARGET,
     profile_solver,
     small_case,
-    solver_of,
     tile_of,
 )
 from kit.pairs import tile_problem as tile_problem_of
@@ -29,11 +26,9 @@ from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
-from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
 from toros_fem.products.tile_design.problem import TileProblem, tile_problem
 from toros_fem.products.tiles.stiffness_profile import (
     ProfileObjective,
-    ProfileSolver,
     ProfileTarget,
 )
 
@@ -87,14 +82,6 @@ def test_objective_of_zero() -> None:
     result = optimize(near, DesignOptions((Stage(12),), x_tol=1e-9), start=start)
     assert result.final.objective < 1e-12
     assert np.isfinite(result.density).all()
-
-
-def test_bad_problems(alone: MPI.Comm) -> None:
-    (term,) = tile_problem_of(CONTRAST, "chiral", alone, batched=False).terms
-    with pytest.raises(errors.ParameterError, match="price of perimeter = -1"):
-        dataclasses.replace(term, price=-1.0)
-    with pytest.raises(errors.ParameterError, match="with prescribed = UNIAXIAL"):
-        ProfileSolver(solver_of(tile_of(EDGES), prescribed=ALL_PRESCRIBED), ANGLES, 0.1)
 
 
 def test_metric_of_a_target() -> None:

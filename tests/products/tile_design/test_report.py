@@ -11,7 +11,7 @@ from helpers.tiles import SMALL, small_result
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
-from toros_fem.products.tile_design.as_printed import PrintMeasurement, Trial
+from toros_fem.products.tile_design.as_printed import PrintMeasurement
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tiles.printed_tile import read_tile
 from toros_fem.products.tiles.stiffness_profile import Contrast
@@ -23,7 +23,8 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     folder = tmp_path / "tile"
     _, result = small_result()
-    result = replace(result, trials=(Trial("lines", 0.5, 2, 3),), deviations=(0.25, np.inf))
+    trial = {"start": "lines", "objective": 0.5, "islands": 2, "narrow": 3}
+    result = replace(result, trials=[trial], deviations=(0.25, np.inf))
     measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
     write_tile_results(folder, TileRun(result, measured, {}))
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
@@ -32,7 +33,6 @@ def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     assert written["target"]["contraction"] is None
     deviations = result.profile.stiffness / [2000, 1000, 500, 400] - 1
     assert written["worst_percent"] == pytest.approx(100 * np.abs(deviations).max())
-    trial = {"start": "lines", "objective": 0.5, "islands": 2, "narrow": 3}
     assert written["trials"] == [trial]
     assert (written["blank_n_per_m"], written["buckling"]) == (200.0, 4 * [True])
     assert written["manufacture"] == result.printability.summary()

@@ -11,16 +11,15 @@ from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.base.archive import Archive, read_archive, write_archive
+from toros_fem.base.archive import read_archive, write_archive
 from toros_fem.products.tiles.printed_tile import (
     NAME,
+    PrintedTile,
     print_layout,
     read_tile,
     swatch,
-    tile_sheet,
     write_tile,
 )
-from toros_fem.products.tiles.pulled_sheet import cross_tile
 
 SOFT = {"young": "soft", "poisson": 0.3, "thickness": 1e-3}
 
@@ -51,15 +50,6 @@ def test_bad_files(alone: MPI.Comm, tmp_path: Path, changes: dict[str, Any], mes
         read_tile(alone, tmp_path)
 
 
-def test_a_file_of_triangles_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
-    """Older versions wrote them."""
-    numbers = {"size": [0.01, 0.01], "edge_length": 1e-3, "mesh": "crossed", "symmetry": "none"}
-    old = Archive("tile", {"printed": np.ones(400, dtype=bool)}, numbers)
-    write_archive(tmp_path / NAME, old)
-    with pytest.raises(errors.FileError, match="an older version wrote it: it holds triangles"):
-        read_tile(alone, tmp_path)
-
-
 @pytest.mark.parametrize("edge", [0.5e-3, 1e-3, 2e-3])
 def test_meshes_along_the_print(comm: MPI.Comm, edge: float) -> None:
     """All of them have its area."""
@@ -71,31 +61,25 @@ def test_meshes_along_the_print(comm: MPI.Comm, edge: float) -> None:
     for region, part in ((shapely.box(0, 0, *made.size), 1.0), (shapely.Polygon(), 0.0)):
         whole = replace(made, region=region)
         mesh, printed = whole.tile(comm)
-        assert whole.share == pytest.approx(part)
         assert printed.mean() == part
 
 
-@pytest.mark.parametrize("name", ["x", "y"])
-def test_print_is_continuous_across_tiles(alone: MPI.Comm, name: str) -> None:
+def test_print_is_continuous_across_tiles(alone: MPI.Comm) -> None:
     made = printed_tile()
     mesh, _ = made.tile(alone)
-    sheet = tile_sheet(mesh, name, 4, 3)
-    cloth, (region,) = print_layout([sheet], made.region, 0.015)
+    cloth, region = print_layout(mesh, made.region, (4, 3), 0.015)
     assert region.area == pytest.approx(12 * made.region.area, rel=1e-6)
-    axis = sheet.axis
-    size = np.array(made.size) * ((4, 3) if axis == 0 else (3, 4))
-    size[axis] += 0.03
+    size = np.array(made.size) * (4, 3) + [0.03, 0]
     assert np.ptp(cloth.flat_points, axis=0) == pytest.approx(size)
     bounds = np.reshape(region.bounds, (2, 2))
-    assert bounds[0, axis] == pytest.approx(0.015)
-    assert bounds[1, axis] == pytest.approx(size[axis] - 0.015)
+    assert bounds[:, 0] == pytest.approx([0.015, size[0] - 0.015])
     # A completely printed sheet is one rectangle without borders between tiles.
-    _, (whole,) = print_layout([sheet], shapely.box(0, 0, *made.size), 0.015)
+    _, whole = print_layout(mesh, shapely.box(0, 0, *made.size), (4, 3), 0.015)
     assert whole.geom_type == "Polygon"
     assert len(whole.interiors) == 0
     assert len(whole.exterior.coords) == 5
     assert whole.area == pytest.approx(12 * np.prod(made.size), rel=1e-6)
-    assert print_layout([sheet], shapely.Polygon(), 0.0)[1][0].is_empty
+    assert print_layout(mesh, shapely.Polygon(), (4, 3), 0.0)[1].is_empty
 
 
 def test_swatch_is_large_enough_to_clamp(alone: MPI.Comm) -> None:
@@ -110,8 +94,10 @@ def test_swatch_is_large_enough_to_clamp(alone: MPI.Comm) -> None:
 
 
 def test_lines_of_neighbouring_tiles_are_joined(alone: MPI.Comm) -> None:
-    made = cross_tile()
+    ways = shapely.linestrings([[(-0.01, -0.01), (0.02, 0.02)], [(-0.01, 0.02), (0.02, -0.01)]])
+    lines = shapely.union_all(shapely.buffer(ways, 0.5e-3, cap_style="flat"))
+    made = PrintedTile(lines & shapely.box(0, 0, 0.01, 0.01), (0.01, 0.01), 1e-3)
     mesh, _ = made.tile(alone)
-    _, (region,) = print_layout([tile_sheet(mesh, "x", 3, 2)], made.region, 0.0)
+    _, region = print_layout(mesh, made.region, (3, 2), 0.0)
     assert len(shapely.get_parts(region)) == 1
     assert region.area == pytest.approx(6 * made.region.area, rel=1e-6)

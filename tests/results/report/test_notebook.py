@@ -11,7 +11,6 @@ from toros_fem.base.errors import FileError, MissingPackageError
 from toros_fem.measures.figures import Figure
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.tile_design.report import TileRun
-from toros_fem.products.tiles.pulled_sheet import SheetResult
 from toros_fem.products.tubes.inflate import InflationResult
 from toros_fem.results.report.notebook import read_summary
 from toros_fem.results.report.page_file import write_report
@@ -43,7 +42,7 @@ def test_a_result_is_told_in_a_line() -> None:
     known = [*RunResult.__subclasses__()]
     for kind in known:
         known += kind.__subclasses__()
-    assert {ActuatorResult, InflationResult, SheetResult, TileRun} < set(known)
+    assert {ActuatorResult, InflationResult, TileRun} < set(known)
     assert [kind for kind in known if kind.__repr__ is not RunResult.__repr__] == []
     empty = object.__new__(ActuatorResult)
     assert repr(empty) == "ActuatorResult()"

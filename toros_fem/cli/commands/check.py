@@ -58,15 +58,12 @@ class Check(SceneCommand):
             "materials": {role: entry.name for role, entry in scene.materials.items()},
         }
         with self.meshes_allowed(), scene.located():
-            read = scene.config.with_files(comm, scene.files)
+            read: Any = scene.config.with_files(comm, scene.files)
             doubtful = doubts(read)
-            cost_of = getattr(read, "expected_cost", None)
             more = {"from_print": True} if "start_from" in scene.files else {}
-            cost = cost_of and cost_of(comm, **more)
-        if cost is not None:
-            figures |= {**asdict(cost), "memory_gib": cost.memory / 2**30}
-            doubtful += cost.doubts
-        figures["doubts"] = doubtful
+            cost = read.expected_cost(comm, **more)
+        doubtful += cost.doubts
+        figures |= {**asdict(cost), "memory_gib": cost.memory / 2**30, "doubts": doubtful}
         state = "is in order" if not doubtful else "can be read, but is doubtful"
         lines = [f"{scene.path} {state}: {ABOUT[scene.kind.KIND]}."]
         lines += [f"doubt       {one}" for one in doubtful]
@@ -74,10 +71,9 @@ class Check(SceneCommand):
             lines.append(f"{role:15s}{entry.name}: {entry.title} ({entry.trust})")
         if (skin := getattr(read, "inflated", None)) is not None:
             lines.append(_pressure(skin, getattr(read, "needed_strain", None)))
-        if cost is not None and cost.placing:
+        if cost.placing:
             lines.append(f"bed         {BED} {cost.placing}")
-        if cost is not None:
-            lines += cost_lines(comm, cost)
+        lines += cost_lines(comm, cost)
         return Answer("\n".join(lines), figures)
 
 

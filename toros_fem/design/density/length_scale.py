@@ -8,14 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import sum_over_ranks, total
 from toros_fem.base.validation import (
     require_between,
-    require_count,
-    require_kind,
     require_positive,
-    shown,
 )
 from toros_fem.design.density.bar_width import (
     bar_violation,
@@ -127,15 +123,6 @@ class LengthScaleConstraints:
         *,
         parts: int = 1,
     ) -> None:
-        require_kind("parameters", parameters, LengthScale, "a LengthScale")
-        require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
-        require_kind("projection", projection, (Projection, type(None)), "a Projection, or None")
-        require_count(1, parts=parts)
-        if np.shape(designed) != np.shape(skin.owned_cells) or np.asarray(designed).dtype != bool:
-            raise ParameterError(
-                f"designed = {shown(designed)} must be True or False for each of the "
-                f"{len(skin.owned_cells)} triangles of this rank."
-            )
         projection = projection or Projection()
         p, name, radius = parameters, filter.name, filter.radius
         self._comm, self._filter = skin.comm, filter
@@ -146,10 +133,6 @@ class LengthScaleConstraints:
         self.decay = steepest if p.decay is None else p.decay
         areas = skin.pattern.areas[skin.owned_cells] * designed
         whole = total(skin.comm, areas.sum())
-        if not whole > 0:
-            raise ParameterError(
-                "no triangle is designed, so no width can be constrained: omit the length scale."
-            )
         self._weight = areas / whole
         self.epsilon = np.full(2, p.epsilon or 0.0)
         if p.epsilon is None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
@@ -49,15 +47,11 @@ class LineField:
             array = checked_floats(name, getattr(self, name), what, fits).copy()
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        if self.shares.shape != self.angles.shape:
+        if self.shares.shape != self.angles.shape or self.shares.min() < 0:
             raise ParameterError(
-                f"shares has {self.shares.shape[1]} families and angles {self.angles.shape[1]}; "
-                "they must have the same number."
-            )
-        if self.shares.min() < 0:
-            row = int(np.argmin(self.shares.min(axis=1)))
-            raise ParameterError(
-                f"shares[{row}] = {self.shares[row]} holds a negative share; the bound is 0."
+                f"shares has {self.shares.shape[1]} families, of {self.shares.min():g} at least, "
+                f"and angles {self.angles.shape[1]}; the numbers must be the same, and shares at "
+                "least 0."
             )
 
     @property
@@ -100,7 +94,7 @@ class LineOptions:
 
     def __post_init__(self) -> None:
         what = "a list of widths in m, one for all families or one for each"
-        widths = checked_floats("widths", self.widths, what, lambda shape: len(shape) == 1)
+        widths = checked_floats("widths", self.widths, what, lambda s: len(s) == 1 and s[0] > 0)
         object.__setattr__(self, "widths", tuple(float(width) for width in widths))
         require_positive(print_width=self.print_width, hole_area=self.hole_area)
         require_positive(least_share=self.least_share, at_most=1.0)
@@ -110,8 +104,6 @@ class LineOptions:
         for number, distance in enumerate(self.spacings):
             if distance is not None:
                 require_positive(**{f"spacings[{number}]": distance})
-        if not self.widths:
-            raise ParameterError("widths is empty; it must hold one width, or one for each family.")
         for number, width in enumerate(self.widths):
             require_positive(**{f"widths[{number}]": width})
             if width < self.print_width:

@@ -10,7 +10,7 @@ import numpy as np
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, together, total
-from toros_fem.base.validation import real_numbers
+from toros_fem.base.validation import checked_floats
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.linear import Filter
 from toros_fem.design.density.projection import Projection
@@ -113,11 +113,6 @@ class DensityFields(Fields):
             return
         skin, given = self.skin, self.passive[~np.isnan(self.passive)]
         with together(skin.comm):
-            if self.passive.shape != skin.owned_cells.shape:
-                raise ParameterError(
-                    f"passive has shape {self.passive.shape}; this rank owns "
-                    f"{len(skin.owned_cells)} triangles."
-                )
             if len(given) and not (given.min() >= 0 and given.max() <= 1):
                 raise ParameterError(
                     f"passive holds densities from {given.min()} to {given.max()}; they must lie "
@@ -129,10 +124,8 @@ class DensityFields(Fields):
             return
         count = len(self.skin.pattern.panel)
         what = "one density for each triangle of the pattern"
-        centre = real_numbers("start", self.centre, what, ParameterError)
+        centre = checked_floats("start", self.centre, f"({count},), {what}", (count,), finite=False)
         object.__setattr__(self, "centre", centre)
-        if centre.shape != (count,):
-            raise ParameterError(f"start has shape {centre.shape}; it must be ({count},), {what}.")
         least, largest = float(np.min(centre)), float(np.max(centre))
         if not 0.1 <= least <= largest <= 0.9:
             raise ParameterError(

@@ -125,8 +125,7 @@ def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
 
 def _rules(options: Sequence[DesignOptions]) -> Sequence[DesignOptions]:
     """Return the options of all levels, checked."""
-    if not isinstance(options, list | tuple):
-        raise ParameterError("options must be a list of DesignOptions, one for each level.")
+    require_kind("options", options, (list, tuple), "a list of DesignOptions, one for each level")
     for rules in options:
         require_kind("options", rules, DesignOptions, "DesignOptions, one for each level")
     if not options:

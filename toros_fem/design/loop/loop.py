@@ -17,7 +17,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import largest, norm, on_first_rank, total
 from toros_fem.base.rounding import rounded
-from toros_fem.base.validation import require_callable, require_count, require_kind, shown
+from toros_fem.base.validation import require_callable, require_count, require_kind
 from toros_fem.design.loop.carried import CarriedDesign, InitialDensity, initial_density
 from toros_fem.design.loop.journal import (
     KIND,
@@ -172,14 +172,9 @@ def _settings(
     require_count(0, seed=seed)
     if options is None:
         return DesignOptions(), seed
-    if isinstance(options, Stage):
-        raise ParameterError("options is one Stage; give a list of stages, [Stage(…)].")
     if isinstance(options, DesignOptions):
         return options, seed
-    if not isinstance(options, list | tuple):
-        raise ParameterError(
-            f"options = {shown(options)} must be DesignOptions, or a list of Stages."
-        )
+    require_kind("options", options, (list, tuple), "DesignOptions, or a list of Stages")
     return DesignOptions(tuple(options)), seed
 
 

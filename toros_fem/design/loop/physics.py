@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot
-from toros_fem.base.validation import require_between, require_positive, shown
+from toros_fem.base.validation import is_number, require_between, require_positive, shown
 from toros_fem.measures.motion import motion_along
 from toros_fem.measures.shape import Objective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -151,19 +151,14 @@ class InflatedSkin:
         for pressure, bounds in zip(self.pressures, self.pressure_ranges, strict=True):
             require_between(0.0, np.inf, pressure=pressure)
             if bounds is not None:
-                if not isinstance(bounds, list | tuple | np.ndarray) or len(bounds) != 2:
+                pair = isinstance(bounds, list | tuple | np.ndarray) and len(bounds) == 2
+                if not pair or not all(map(is_number, bounds)) or not bounds[0] < bounds[1]:
                     raise ParameterError(
                         f"pressure_bounds = {shown(bounds)} must be two numbers in Pa, the least "
-                        "and the largest pressure."
+                        "and the largest pressure. To prescribe the pressure, give no bounds."
                     )
-                low, high = bounds
-                require_positive(least_pressure=low, largest_pressure=high)
-                if not low < high:
-                    raise ParameterError(
-                        f"the pressure's bounds {low:g} and {high:g} Pa leave it no room; the "
-                        "second must be larger. To prescribe the pressure, give no bounds."
-                    )
-                require_between(low, high, pressure=pressure)
+                require_positive(least_pressure=bounds[0], largest_pressure=bounds[1])
+                require_between(*bounds, pressure=pressure)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -180,25 +175,17 @@ class InflatedSkin:
         """Least and largest pressure of each chamber in Pa; None where it is prescribed."""
         bounds = self.pressure_bounds
         listed = isinstance(bounds, list | tuple | np.ndarray) and len(bounds) > 0
-        if bounds is not None and not listed:
-            raise ParameterError(
-                f"pressure_bounds = {shown(bounds)} must be the least and the largest pressure in "
-                "Pa, such a pair for each chamber, or None."
-            )
-        alike = bounds is None or np.isscalar(bounds[0])
+        alike = bounds is None or (listed and np.isscalar(bounds[0]))
         return self._for_each(bounds, "pressure_bounds", alike)
 
     def _for_each(self, given: Any, name: str, alike: bool) -> tuple[Any, ...]:
         count = len(self.solver.model.load.pressures)
-        if not alike and not isinstance(given, list | tuple | np.ndarray):
-            raise ParameterError(
-                f"{name} = {shown(given)} must be one number in Pa, or one for each chamber."
-            )
-        values = (given,) * count if alike else tuple(given)
+        listed = isinstance(given, list | tuple | np.ndarray)
+        values = (given,) * count if alike else tuple(given) if listed else ()
         if len(values) != count:
             raise ParameterError(
-                f"{name} has {len(values)} entries; it must have one for each of the {count} "
-                "chambers, or be given once for all."
+                f"{name} = {shown(given)} must be given once for all, or once for each of the "
+                f"{count} chambers, in Pa."
             )
         return values
 

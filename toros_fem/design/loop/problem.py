@@ -12,7 +12,6 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.validation import require_positive
 from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.physics import Physics, Pressure, R, Residuals
@@ -38,9 +37,6 @@ class ObjectiveTerm:
     name: str
     measure: Measure
     price: float
-
-    def __post_init__(self) -> None:
-        require_positive(**{f"price of {self.name}": self.price})
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,15 +274,10 @@ class DesignProblem(Generic[R]):
         if self.length_scale is not None:
             widths = self.length_scale.forward(density, filtered, projected)
         seconds["filter"] += time.perf_counter() - begin
-        shape = self._distance(response)
+        shape = self.objective.forward(self.physics.observed(response))
         return Evaluation(
             self, density, filtered, projected, response, shape, measures, widths, seconds
         )
-
-    def _distance(self, response: R) -> float:
-        """Return the distance from the target."""
-        found: float = self.objective.forward(self.physics.observed(response))
-        return found
 
     def finish(self, evaluation: Evaluation[R]) -> Evaluation[R]:
         """Complete a trial, so that it can be differentiated (collective).
@@ -299,7 +290,7 @@ class DesignProblem(Generic[R]):
         response = self.physics.finish(e.equilibrium)
         if response is e.equilibrium:
             return evaluation
-        shape = self._distance(response)
+        shape = self.objective.forward(self.physics.observed(response))
         seconds = {"equilibrium": time.perf_counter() - begin}
         return replace(e, equilibrium=response, shape=shape, seconds=seconds)
 

@@ -17,7 +17,6 @@ from toros_fem.base.validation import (
     checked_axes,
     checked_floats,
     checked_list,
-    real_numbers,
     require_callable,
     require_kind,
     require_positive,
@@ -215,12 +214,7 @@ def _given_density(case: Case) -> Floats | None:
     count, passive = len(case.pattern.triangles), case.passive
     if passive is not None:
         what = "one density for each triangle, NaN where it is designed"
-        passive = real_numbers("passive", passive, what, ParameterError)
-    if passive is not None and passive.shape != (count,):
-        raise ParameterError(
-            f"passive has shape {passive.shape}; it must be ({count},), one density for each "
-            "triangle of the pattern, NaN where it is designed."
-        )
+        passive = checked_floats("passive", passive, f"({count},), {what}", (count,), finite=False)
     if passive is None and not case.printed_panels:
         return None
     given = np.full(count, np.nan) if passive is None else np.array(passive, dtype=np.float64)

@@ -89,12 +89,6 @@ class Functions:
     residuals: Sequence[float] | Floats = ()
     residual_jacobian: Sequence[Floats] | Floats = ()
 
-    def __post_init__(self) -> None:
-        for name in ("values", "jacobian", "residuals", "residual_jacobian"):
-            require_kind(
-                name, getattr(self, name), (list, tuple, np.ndarray), "a list, () for none"
-            )
-
     @property
     def numbers(self) -> Floats:
         """f₀, fᵢ, r and −r, each of which has its own approximation."""
@@ -108,26 +102,18 @@ class Functions:
         up = list(self.residual_jacobian)
         return [self.gradient, *self.jacobian, *up, *(-row for row in up)]
 
-    def require_values(self, constraints: int, residuals: int) -> None:
-        """Check that each function has a value."""
-        if len(self.values) != constraints or len(self.residuals) != residuals:
+    def require_all(self, constraints: int, residuals: int, *, gradients: bool = False) -> None:
+        """Check that each function has a value, and a gradient if there must be some."""
+        found = [len(self.values), len(self.residuals)]
+        asked = [constraints, residuals]
+        if gradients:
+            require_kind("gradient", self.gradient, np.ndarray, "one number for each variable")
+            found += [len(self.jacobian), len(self.residual_jacobian)]
+            asked += asked
+        if found != asked:
             raise ParameterError(
-                f"{len(self.values)} values were given for {constraints} constraints, and "
-                f"{len(self.residuals)} residuals for {residuals}."
-            )
-
-    def require_gradients(self, constraints: int, residuals: int) -> None:
-        """Check that each function has a value and a gradient."""
-        require_kind("gradient", self.gradient, np.ndarray, "the derivative by each owned variable")
-        if len(self.values) != constraints or len(self.jacobian) != constraints:
-            raise ParameterError(
-                f"{len(self.values)} values and {len(self.jacobian)} gradients were given for "
-                f"{constraints} constraints."
-            )
-        if len(self.residuals) != residuals or len(self.residual_jacobian) != residuals:
-            raise ParameterError(
-                f"{len(self.residuals)} residuals and {len(self.residual_jacobian)} gradients were "
-                f"given for {residuals} residuals."
+                f"{found} values of constraints and residuals, and gradients of both, were given; "
+                f"it must be {asked}."
             )
 
     def require_finite(self, comm: MPI.Comm, count: int) -> None:
@@ -209,7 +195,7 @@ class MMA:
 
     def step(self, x: Floats, here: Functions) -> Floats:
         """Return the next proposed point; all functions at x have gradients (collective)."""
-        here.require_gradients(self.constraints, self.residuals)
+        here.require_all(self.constraints, self.residuals, gradients=True)
         here.require_finite(self.comm, len(self._span))
         state, x = self.state, np.array(x, dtype=np.float64)
         distance = self._distance(x)
@@ -228,7 +214,7 @@ class MMA:
 
         Values are infinite where they do not exist.
         """
-        there.require_values(self.constraints, self.residuals)
+        there.require_all(self.constraints, self.residuals)
         excess, _ = self._excess(x, there)
         return bool(np.all(excess <= 0))
 
@@ -243,7 +229,7 @@ class MMA:
         out, only f₀ is tested.
         """
         if len(there.values) or len(there.residuals):
-            there.require_values(self.constraints, self.residuals)
+            there.require_all(self.constraints, self.residuals)
         before, state = x, self.state
         excess, distance = self._excess(x, there)
         model = self._model
@@ -294,7 +280,7 @@ class MMA:
         the area of a triangle. Other variables count N times. Functions come with their gradients;
         the squares of residuals that are left out are a part of f₀.
         """
-        here.require_gradients(self.constraints, len(here.residuals))
+        here.require_all(self.constraints, len(here.residuals), gradients=True)
         assert here.gradient is not None
         multipliers = self.state.multipliers
         lam = np.zeros(self.constraints) if multipliers is None else multipliers[: self.constraints]
@@ -333,8 +319,8 @@ class MMA:
 
     def _excess(self, x: Floats, there: Functions) -> tuple[Floats, float]:
         """Return by how much each function exceeds its approximation, and d(x) of `retry`."""
-        if self._model is None or self._here is None:
-            raise ParameterError("there is no proposed point yet: call step first.")
+        assert self._model is not None
+        assert self._here is not None
         change, distance = self._model.change_at(x)
         here, found = self._here.numbers, there.numbers
         found[~np.isfinite(found)] = np.inf
@@ -371,15 +357,10 @@ def _checked_bounds(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
     """Return the bounds of the owned variables, checked."""
     what = "a bound of each owned variable"
     lower, upper = real_numbers("lower", lower, what), real_numbers("upper", upper, what)
-    if lower.ndim != 1 or lower.shape != upper.shape:
+    alike = lower.ndim == 1 and lower.shape == upper.shape
+    if not (alike and np.isfinite(upper - lower).all() and (upper >= lower).all()):
         raise ParameterError(
-            f"lower has shape {lower.shape} and upper {upper.shape}; both hold {what}."
+            f"lower, of shape {lower.shape}, and upper, of shape {upper.shape}, must hold {what}, "
+            "finite and in this order."
         )
-    span = upper - lower
-    if not np.all(span >= 0):
-        raise ParameterError(
-            f"an upper bound is {-span.min():g} less than its lower bound. Exchange them."
-        )
-    if not np.isfinite(span).all():
-        raise ParameterError("MMA needs finite bounds for every variable.")
     return lower.copy(), upper.copy()

@@ -166,7 +166,7 @@ class UpperTangent:
         """Write the entries of a part at a state, in the order of `columns` (collective)."""
         self.triangles.compute(state, self._entries, part)
         if self.periodic is not None:
-            self._entries[self._own :] = self.periodic.values(self._entries)
+            self._entries[self._own :] = self.periodic.values(self._entries, part)
         # Where a patch meets one vertex twice, (i, j) and (j, i) coincide and count 2.
         self._entries[self._twice] *= 2
         self._add_up(out)
@@ -258,19 +258,21 @@ class PeriodicTangent:
         product = matrix @ S
         return product, S.transpose(0, 2, 1) @ product
 
-    def values(self, entries: Floats) -> Floats:
+    def values(self, entries: Floats, part: Part) -> Floats:
         """Return the numbers that belong to `keys`, from the entries of the triangles."""
         product, square = self._products(entries)
+        if part == EXACT:
+            self._last = product, square
         upper = square[:, self._upper[0], self._upper[1]]
         return np.append(product, upper)[self._kept]
 
-    def force(self, entries: Floats, change: Floats) -> Floats:
+    def force(self, change: Floats) -> Floats:
         """Return the change of the first variation, at all owned unknowns, by F̄ alone (collective).
 
-        `entries` are those of the triangles, and `change` is that of F̄, (3, 2).
+        It is that of the tangent that was assembled last; `change` is that of F̄, (3, 2).
         """
         along = self._images.periodic.length * np.asarray(change).T.ravel()
-        product, square = self._products(entries)
+        product, square = self._last
         out = self._vector.array
         out[:] = 0
         np.add.at(out, self._dofs, product @ along)

@@ -61,7 +61,7 @@ class TangentFactor:
         ordering: Fill-reducing ordering that MUMPS used; None with CHOLMOD, which compares its own.
         values: Entries of the matrix of `fill`, in the order of `UpperTangent.columns`.
         count: Numeric factorisations so far, failed ones included.
-        periodic, triangles: Of the `UpperTangent`.
+        periodic: Of the `UpperTangent`.
         scale: Mean diagonal of each vertex, and diagonal of each rotation, in N/m, zero where
             fixed, of the last `assemble`.
     """
@@ -70,7 +70,7 @@ class TangentFactor:
         comm = model.skin.comm
         self._model = model
         self._tangent = UpperTangent(model)
-        self.periodic, self.triangles = self._tangent.periodic, self._tangent.triangles
+        self.periodic = self._tangent.periodic
         self.count, self.usable = 0, False
         self.couple(None)
         self._full: FullTangent | None = None

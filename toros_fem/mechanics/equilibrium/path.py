@@ -61,7 +61,8 @@ def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> flo
     and the model are those of the point. The result is within NEAR of 1; None if it is not, or if
     supports or bodies move.
     """
-    if not at.load or at.load.displacement is not None or at.load.moves_bodies:
+    held = at.load.displacement is not None or at.load.gradient is not None
+    if not at.load or held or at.load.moves_bodies:
         return None
     comm, size = model.skin.comm, model.skin.pattern.size
     along = factor.solve(model.applied_load(at.state))  # dx/d(load factor)

@@ -34,15 +34,16 @@ class PrescribedDisplacement:
         self._model = model
         self._solvers: list[Callable[[Floats], Floats]] = []  # made when something first moves
 
-    def __call__(self, state: Floats, displacement: Floats | None) -> Floats:
-        """Return the state with its fixed components in place (collective).
+    def __call__(self, state: Floats, load: Load) -> Floats:
+        """Return the state with its fixed components where a load has them (collective).
 
-        The displacement is that of each assembled vertex from its assembled position in m, (n, 3),
-        read at fixed components; None leaves them there.
+        A tile follows its mean deformation as a whole.
         """
         model, skin = self._model, self._model.skin
         fixed = ~model.free
-        placed = np.where(fixed, self.goal(displacement), state)
+        if model.images is not None:
+            state = model.images.stretched(state, load)
+        placed = np.where(fixed, self.goal(load), state)
         jump = model.positions(placed - state)
         distance = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
         if distance > FLAT * skin.pattern.size:
@@ -52,11 +53,14 @@ class PrescribedDisplacement:
             placed += np.where(fixed, 0.0, along)
         return placed
 
-    def goal(self, displacement: Floats | None) -> Floats:
-        """Return the assembled state with all vertices moved by the displacement."""
-        goal = self._model.assembled
-        if displacement is not None:
-            self._model.positions(goal)[:] += displacement[self._model.skin.owned_vertices]
+    def goal(self, load: Load) -> Floats:
+        """Return the assembled state with all vertices displaced, and with the load's F̄."""
+        model = self._model
+        goal = model.assembled
+        if load.displacement is not None:
+            model.positions(goal)[:] += load.displacement[model.skin.owned_vertices]
+        if model.images is not None and load.gradient is not None:
+            model.images.set_mean_gradient(goal, load.gradient)
         return goal
 
     def follow(
@@ -74,7 +78,7 @@ class PrescribedDisplacement:
         """
         model, skin = self._model, self._model.skin
         contact, fixed = model.contact, ~model.free
-        jump = np.where(fixed, self.goal(end.displacement) - state, 0.0)
+        jump = np.where(fixed, self.goal(end) - state, 0.0)
         reach = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
         distance = model.composite.fabric.thickness
         poses: Floats = np.zeros((0, 6))

@@ -28,6 +28,7 @@ from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
+from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
 
@@ -54,6 +55,7 @@ class EquilibriumSolver(TangentSolver):
             `functools.partial` of `LineDesign` makes line families.
         quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
             is in printed lines; None for none.
+        periodic: The tile that repeats; None for a skin that does not.
 
     Raises:
         ParameterError: An argument is of another type, or does not fit the skin.
@@ -72,6 +74,7 @@ class EquilibriumSolver(TangentSolver):
         contact: Contact | None = None,
         design: Callable[[Skin, Composite], Densities] | None = None,
         quadratic: Bools | None = None,
+        periodic: Periodic | None = None,
     ) -> None:
         further: dict[str, Any] = {
             "chambers": chambers,
@@ -79,6 +82,7 @@ class EquilibriumSolver(TangentSolver):
             "contact": contact,
             "design": design,
             "quadratic": quadratic,
+            "periodic": periodic,
         }
         model = make_model(skin, composite, supports, **further)
         if log is not None:
@@ -99,6 +103,7 @@ class EquilibriumSolver(TangentSolver):
         sliding: Floats | None = None,
         raise_on_failure: bool = True,
         trial: bool = False,
+        once: bool = False,
     ) -> Equilibrium:
         """Solve for the stable equilibrium at a density and a load (collective).
 
@@ -122,6 +127,7 @@ class EquilibriumSolver(TangentSolver):
                 good state with `converged` False.
             trial: Whether the result may be rejected: the full load is tried once, with few steps
                 and a large tolerance, and without proof that the state is stable; see `finish`.
+            once: Whether to try the full load once only, as in a trial.
 
         Raises:
             ParameterError: The start cannot be relaxed into the stretch bounds (of two materials
@@ -131,7 +137,7 @@ class EquilibriumSolver(TangentSolver):
         """
         comm, model = self.skin.comm, self.model
         given = load_of(load)
-        require_flag(raise_on_failure=raise_on_failure, trial=trial)
+        require_flag(raise_on_failure=raise_on_failure, trial=trial, once=once)
         with together(comm):
             acting = given.on(model)
         density = model.design.check(density)
@@ -145,6 +151,7 @@ class EquilibriumSolver(TangentSolver):
             start = start.state
         self.forget()
         model.set_density(density)
+        model.set_load(acting)  # it turns the axes of a tile
         state = start_state(model, start)
         with together(comm):
             if near is not None and len(near.density) != len(density):
@@ -160,7 +167,7 @@ class EquilibriumSolver(TangentSolver):
             near,
             cold=cold,
             trial=trial,
-            direct=trial,
+            direct=trial or once,
         )
         result = self._solve(search, sliding)
         if raise_on_failure and not result.converged:

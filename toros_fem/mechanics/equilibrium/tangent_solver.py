@@ -95,6 +95,26 @@ class TangentSolver:
             )
         return self._solve_with_friction(rhs, at.state, transposed=adjoint)
 
+    def stretch(self, at: Equilibrium, change: Floats) -> tuple[Floats, Floats]:
+        """Return the derivatives of force in N and state in m by a tile's F̄ (collective).
+
+        The force is that of all unknowns, the state constant; the state follows in equilibrium.
+        `change` is that of the prescribed components of F̄, (3, 2).
+        """
+        self.tangent_at(at)
+        images, tangent = self.model.images, self._factor.periodic
+        assert images is not None
+        assert tangent is not None
+        change = np.where(np.array(images.periodic.prescribed), change, 0.0)
+        force, state = tangent.force(change), np.zeros_like(at.state)
+        images.set_mean_gradient(state, change)
+        return force, state - self._factor.solve(force * self.model.free)
+
+    def stable(self, density: Floats, load: Load, state: Floats) -> bool:
+        """Return whether an equilibrium without friction is stable (collective)."""
+        self._set(density, load, None, state)
+        return self._newton.stable(state)
+
     def _solve_with_friction(self, rhs: Floats, state: Floats, *, transposed: bool) -> Floats:
         """Solve J y = rhs or its transpose, J the tangent and friction's derivative (collective).
 

@@ -87,7 +87,7 @@ class Search:
         """Solve once from a state (collective)."""
         self.model.set_density(self.density)
         self.model.set_load(load)
-        placed = self.prescribed(start, load.displacement)
+        placed = self.prescribed(start, load)
         return self.attempts(placed, max_steps, trial=self.trial)
 
     def carry(self, state: Floats, begin: Load) -> ContinuationResult:
@@ -249,11 +249,13 @@ def settle(
     if near is not None:
         origin = near.point if near.complete else near.before
     # Between two designs there is no path that a skin takes. Where bodies or supports push it
-    # along, the path has been taken step by step. A path with friction is made of its steps.
+    # along, the path has been taken step by step. A path with friction is made of its steps. That
+    # of a tile is not followed.
     if origin is not None and (
         not same_design(model, origin.density, search.density)
         or (model.contact is not None and search.load.moves_from(origin.load))
         or model.slides
+        or model.images is not None
     ):
         origin = None
     snapped = critical = None

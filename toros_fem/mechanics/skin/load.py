@@ -1,4 +1,4 @@
-"""What acts on a skin: pressures, dead forces, weight, moved supports and bodies."""
+"""What acts on a skin: pressures, dead forces, weight, moved supports and bodies, mean stretch."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 # are flat, but for rounding. A ball has 0.09.
 INWARDS = 1e-4
 
+# Mean deformation gradient of a tile that is as flat as it was made.
+UNSTRETCHED = np.eye(3)[:, :2]
+
 # A number, or one for each chamber, in Pa.
 Pressure = float | Sequence[float] | Floats
 
@@ -39,6 +42,9 @@ class Load:
             it is; None for all of it.
         poses: Poses of the contact's bodies, (k, 6): translation in m and rotation vector in rad
             from where they were made, not read for free bodies. None leaves them there.
+        gradient: Mean deformation gradient F̄ of a tile, (3, 2), as of `Periodic`, of which the
+            prescribed components are read; None is that of the flat sheet.
+        angle: Angle in rad from the first axis of a tile's flat sheet to the direction n of F̄.
     """
 
     pressure: Pressure = 0.0
@@ -46,6 +52,8 @@ class Load:
     displacement: Floats | None = None
     weight_fraction: float | None = None
     poses: Floats | None = None
+    gradient: Floats | None = None
+    angle: float = 0.0
 
     def on(self, model: SkinModel) -> Load:
         """Return the load with all arrays of a skin, checked; weights that it lacks are 0.
@@ -83,17 +91,25 @@ class Load:
                     "the displacement moves a border out of its symmetry plane; move it in the "
                     "plane only, or simulate the whole skin."
                 )
-        moved = supports.displacement
+        moved, gradient = supports.displacement, self.gradient
+        require_finite(angle=self.angle)
+        if gradient is not None:
+            if model.images is None:
+                raise ParameterError("gradient is given, but the skin is no tile that repeats.")
+            what = "finite and of shape (3, 2), the mean deformation gradient"
+            gradient = checked_floats("gradient", gradient, what, (3, 2)).copy()
         return Load(
             np.full(chambers, values),
             force,
             None if moved is None else moved.copy(),
             0.0 if model.weight is None else float(weight),
             _poses(0 if model.contact is None else len(model.contact.poses), self.poses),
+            gradient,
+            float(self.angle),
         )
 
     def __bool__(self) -> bool:
-        moved = self.displacement is not None or self.moves_bodies
+        moved = self.displacement is not None or self.gradient is not None or self.moves_bodies
         return bool(self.largest > 0 or self.force is not None or self.weight > 0 or moved)
 
     def __str__(self) -> str:
@@ -113,6 +129,9 @@ class Load:
         if poses.any():
             farthest = np.linalg.norm(poses[:, :3], axis=1).max()
             parts.append(f"bodies moved by up to {farthest:.4g} m")
+        if self.gradient is not None:
+            at = f"{np.degrees(self.angle):.4g} degrees"
+            parts.append(f"the mean deformation {self.gradient[:2].tolist()} along {at}")
         return " and ".join(parts) or "no load"
 
     @property
@@ -156,10 +175,10 @@ class Load:
         def between(one: Any, two: Any) -> Any:
             return one + fraction * (two - one)
 
-        def arrays(one: Floats | None, two: Floats | None) -> Floats | None:
+        def arrays(one: Floats | None, two: Floats | None, rest: Any = 0.0) -> Floats | None:
             if one is None and two is None:
                 return None
-            return np.asarray(between(_zero(one), _zero(two)))
+            return np.asarray(between(*(np.asarray(rest if a is None else a) for a in (one, two))))
 
         return Load(
             between(self.pressures, other.pressures),
@@ -167,6 +186,8 @@ class Load:
             arrays(self.displacement, other.displacement),
             between(self.weight, other.weight),
             arrays(self.poses, other.poses),
+            arrays(self.gradient, other.gradient, UNSTRETCHED),
+            other.angle,
         )
 
 

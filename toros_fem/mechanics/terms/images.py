@@ -10,7 +10,13 @@ from dolfinx import fem
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.mechanics.skin.coefficients import cell_space, set_cells
-from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_first_rank
+from toros_fem.mechanics.skin.load import UNSTRETCHED, Load
+from toros_fem.mechanics.skin.patch_space import (
+    Patch,
+    Unknowns,
+    blocks_of_first_rank,
+    positions,
+)
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
@@ -48,8 +54,10 @@ class Images(Term):
 
     def turn(self, angle: float) -> None:
         """Set the angle in rad between n and the first axis of the flat sheet."""
+        self._angle = angle
         c, s = np.cos(angle), np.sin(angle)
-        self.shifts = self._steps @ np.array([[c, -s], [s, c]])
+        self._axes = np.array([[c, -s], [s, c]])
+        self.shifts = self._steps @ self._axes
         for k, coefficient in enumerate(self._coefficients):
             set_cells(coefficient, self.shifts[:, k])
 
@@ -69,13 +77,39 @@ class Images(Term):
         self._size = patch.space.dofmap.index_map.size_local
 
     @override
+    def set_load(self, load: Load) -> None:
+        if load.angle != self._angle:
+            self.turn(load.angle)
+
+    @override
     def add_rest(self, x: Floats) -> None:
-        self.set_mean_gradient(x, np.eye(3)[:, :2])
+        positions(self._skin, x)[:, :2] = self.flat
+        self.set_mean_gradient(x, UNSTRETCHED)
 
     @override
     def moved(self, nodes: Floats, q: Floats) -> Floats:
         moves = self.shifts[: len(self.images), : nodes.shape[1]] @ q[self.dofs]
         return np.asarray(nodes + moves)
+
+    @property
+    def flat(self) -> Floats:
+        """Positions of the owned nodes in the flat sheet, axes n, t, in m, (k, 2)."""
+        places = self._skin.pattern.points[self._skin.owned_vertices, :2]
+        return np.asarray(places @ self._axes)
+
+    def stretched(self, x: Floats, load: Load) -> Floats:
+        """Return a state with the prescribed F̄ of a load, changed by a homogeneous deformation.
+
+        The first vertex keeps its place (collective).
+        """
+        wanted = UNSTRETCHED if load.gradient is None else load.gradient
+        change = np.where(np.array(self.periodic.prescribed), wanted - self.mean_gradient(x), 0.0)
+        added = np.zeros_like(x)
+        moved = positions(self._skin, added)
+        moved[:] = self.flat @ change.T
+        self.set_mean_gradient(added, change)
+        moved -= self._skin.comm.allreduce(moved[self._skin.owned_vertices == 0].sum(axis=0))
+        return x + added
 
     def set_mean_gradient(self, x: Floats, gradient: Floats) -> None:
         """Write a mean deformation gradient F̄, (3, 2), into the owned unknowns of a state."""

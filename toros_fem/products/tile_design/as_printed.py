@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,13 +16,19 @@ from toros_fem.base.mpi import together
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import cleaned_print
 from toros_fem.materials.sheet import Bending
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.skin import sew
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, TileProblem
 from toros_fem.products.tiles.printability import RepeatedTile, TilePrintability, tile_printability
-from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver, profiles
+from toros_fem.products.tiles.stiffness_profile import (
+    Profile,
+    ProfileSolver,
+    profiles,
+    tile_solver,
+)
 
 # Number of strains at which the stress curves of a print are computed.
 CURVE_POINTS = 4
@@ -38,16 +45,6 @@ PERIODS = {
 SAME_ANGLE = 1e-9
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A start, "lines" or "waves", after its first steps: T, islands and narrow places."""
-
-    start: str
-    objective: float
-    islands: int
-    narrow: int
-
-
 @dataclass(frozen=True, eq=False)
 class TileResult:
     """A design of a tile and its print.
@@ -62,7 +59,8 @@ class TileResult:
         profile: Profile of the print; None if it has no equilibrium.
         failure: Why there is no profile; empty if there is one.
         printability: Islands, lines and gaps of the print in the endless sheet.
-        trials: The random starts after their trial.
+        trials: The random starts, "lines" or "waves", after their first steps: T, islands and
+            narrow places of each.
         deviations: That of each print, before and after each correction; empty without a target.
     """
 
@@ -76,13 +74,13 @@ class TileResult:
     profile: Profile | None
     failure: str
     printability: TilePrintability
-    trials: tuple[Trial, ...] = ()
+    trials: Sequence[Mapping[str, Any]] = ()
     deviations: tuple[float, ...] = ()
 
     @property
     def tile(self) -> Tile:
         """The tile on the mesh along the print."""
-        return self.solver.tile.periodic.tile
+        return self.solver.images.periodic.tile
 
     @property
     def density(self) -> Floats:
@@ -118,7 +116,7 @@ def simulated_print(
     (region,) = cleaned.regions
     tile, cells = case.tile.following(case.comm, region, case.edge_length)
     skin = sew(MPI.COMM_SELF, tile.pattern)
-    one = TileSolver(skin, config.material.composite, Periodic(tile), quadratic=cells)
+    one = tile_solver(skin, config.material.composite, Periodic(tile), quadratic=cells)
     solver = ProfileSolver(one, case.angles, config.pull.strain, case.comm)
     widths = tile_printability(tile, region, cells, print_.limits)
     made = TileResult(case, config, problem, result, region, cells, solver, None, "", widths)
@@ -192,6 +190,16 @@ def merged(one: Profile, other: Profile) -> Profile:
     return Profile(strain=one.strain, states=(), gradients=(), **values)
 
 
+def lifted(solver: EquilibriumSolver, flat: Equilibrium) -> Floats:
+    """Return the state of a tile that may leave its plane from that of one kept there."""
+    state, count = np.zeros(solver.model.size_local), flat.positions.size
+    state[:count] = flat.state[:count]
+    # Rotations of edges, which are 0, come between the positions and all else.
+    others = flat.state[count:]
+    state[len(state) - len(others) :] = others
+    return state
+
+
 def _buckling(made: TileResult, profile: Profile) -> Bools:
     """Return whether the print buckles in each direction of its profile."""
     tile, batch = made.solver.tile, made.solver.batch
@@ -199,7 +207,8 @@ def _buckling(made: TileResult, profile: Profile) -> Bools:
     with together(batch):
         composite = replace(tile.model.composite, bending=Bending())
         around = Periodic(made.tile, flat=False)
-        solver = TileSolver(tile.skin, composite, around, quadratic=made.cells)
-        for k, state in enumerate(profile.states):
-            found[k] = state is not None and solver.buckles(state, made.density)
+        solver = tile_solver(tile.skin, composite, around, quadratic=made.cells)
+        for k, flat in enumerate(profile.states):
+            if flat is not None:
+                found[k] = not solver.stable(made.density, flat.load, lifted(solver, flat))
     return np.asarray(batch.allreduce(found.astype(int)) > 0)

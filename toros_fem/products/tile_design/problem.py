@@ -24,12 +24,12 @@ from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.skin import sew
 from toros_fem.products.tables.sheets import Sheets
 from toros_fem.products.tables.steps import Filtering, Printer
-from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import (
     Profile,
     ProfileObjective,
     ProfileSolver,
     ProfileTarget,
+    tile_solver,
 )
 
 
@@ -157,7 +157,7 @@ def tile_problem(
     """Build the design problem of a tile, which each rank sews as a whole (collective)."""
     design, patch, lattice = config.design, case.tile, case.tile.lattice
     skin = sew(MPI.COMM_SELF, patch.pattern)
-    solver = TileSolver(skin, config.material.composite, Periodic(patch), log=log)
+    solver = tile_solver(skin, config.material.composite, Periodic(patch), log=log)
     every = group_mean(skin, patch.symmetry_maps(case.symmetry))
     smooth = make_filter(design.filter, skin, design.filter_radius, lattice).after(every)
     projection, terms = design.projection, []

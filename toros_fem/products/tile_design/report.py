@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +86,7 @@ class TileRun(RunResult):
             "volume_fraction": last.volume_fraction,
             "grey_level": last.grey_level,
             "length_scale": None if limits is None or widths is None else limits.summary(widths),
-            "trials": [asdict(trial) for trial in made.trials],
+            "trials": list(made.trials),
             "corrections_percent": [100 * d if np.isfinite(d) else None for d in made.deviations],
             "iterations": last.iteration,
             "newton_steps": sum(row.newton_steps for row in design.history),
@@ -175,9 +175,8 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
         state = None if made.profile is None else made.profile.states[0]
         if state is not None:
             positions = made.solver.tile.skin.gather_vertices(state.positions)
-            plots.plot_deformed(
-                folder / "deformed.png", made.tile, made.cells, positions, state.gradient
-            )
+            mean = made.solver.images.mean_gradient(state.state)
+            plots.plot_deformed(folder / "deformed.png", made.tile, made.cells, positions, mean)
 
     guarded(case.comm, folder, write)
     write_summary(case.comm, folder, found)  # last: a run with it has all its files

@@ -23,7 +23,7 @@ from toros_fem.making.as_printed.as_printed import contour_values
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.meshes.makers.tile import Tile
-from toros_fem.products.tile_design.as_printed import TileResult, Trial, simulated_print
+from toros_fem.products.tile_design.as_printed import TileResult, simulated_print
 from toros_fem.products.tile_design.problem import (
     Searching,
     TileCase,
@@ -138,21 +138,21 @@ class _Search:
         )
         return self.run(problem, rules, **begin)
 
-    def best_starts(self, problem: TileProblem) -> tuple[list[DesignResult], tuple[Trial, ...]]:
+    def best_starts(self, problem: TileProblem) -> tuple[list[DesignResult], list[dict[str, Any]]]:
         """Return the two best starts and all trials; one that reaches the target is the last."""
         found, trials = [], []
         starts = (partial(self._tried, problem, k) for k in range(self.design.starts))
         for number, kind, result in _solved(starts):
             rating, made = self.rated(problem, result)
             found.append((rating, number, made.clean, result))
-            flaws = len(made.island_areas), made.narrow_places
-            trials.append(Trial(kind, result.final.objective, *flaws))
+            row = {"start": kind, "objective": result.final.objective}
+            trials.append({**row, "islands": len(made.island_areas), "narrow": made.narrow_places})
             if rating <= (self.enough or -np.inf):
-                return [result], tuple(trials)
+                return [result], trials
         best, *others = sorted(found, key=itemgetter(0, 1))
         # The profile of islands depends on narrow gaps. If that fails, a design without is needed.
         others.sort(key=lambda one: not one[2])
-        return [one[-1] for one in (best, *others[:1])], tuple(trials)
+        return [one[-1] for one in (best, *others[:1])], trials
 
     def _tried(self, problem: TileProblem, number: int) -> tuple[int, str, DesignResult]:
         """Return the number of a start, its kind, and the design after its first steps."""

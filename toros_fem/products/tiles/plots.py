@@ -1,29 +1,24 @@
-"""Pictures of a tile: profile, curves, pattern, deformed shape, and pull tests."""
+"""Pictures of a tile: profile, curves, pattern, deformed shape."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.tiles.pull_test import PulledSheet
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.pictures import style
 
-# Colour, line width and marker of each direction; both lines show where they cover each other.
-LINE_STYLES = ((style.SECOND, 3.0, "o"), (style.ACCENT, 1.4, "s"))
 # Directions that differ by less than a part of this, in rad, are the same.
 ROUND = 1e9
 # Corners of triangles closer than this to a straight border of the print, in m, are left out.
@@ -108,7 +103,12 @@ def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
     """Draw stress and contraction of profiles at increasing strains, a line for each direction."""
     strain = [100 * profile.strain for profile in curves]
     with style.page(path, "Each direction of the tile over the strain") as figure:
-        left, right = _over_strain(figure, "nominal stress (N/m)", "lateral contraction")
+        where = {"left": 0.09, "right": 0.95, "bottom": 0.12, "top": 0.87, "wspace": 0.3}
+        left, right = figure.subplots(1, 2, gridspec_kw=where)
+        left.set(xlabel="strain (%)", ylabel="nominal stress (N/m)")
+        right.set(xlabel="strain (%)", ylabel="lateral contraction")
+        left.grid(axis="y")
+        right.grid(axis="y")
         count = len(curves[0].angles)
         for k, angle in enumerate(curves[0].angles):
             colour = colormaps[style.SEQUENTIAL](0.85 * k / max(1, count - 1))
@@ -117,30 +117,6 @@ def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
             right.plot(strain, [profile.contraction[k] for profile in curves], ".-", color=colour)
             name = f"{np.degrees(angle):.4g}°"
             style.note(left, name, (strain[-1], stress[-1]), (4, 0), colour, va="center")
-
-
-def plot_pulls(path: Path, pulled: Sequence[PulledSheet]) -> None:
-    """Draw stress and contraction over strain, of sheets and of the periodic tile."""
-    with style.page(path, "Pulled sheets, and what their tile predicts", style.TALL) as figure:
-        left, right = _over_strain(figure, "force over width (N/m)", "lateral contraction", 0.20)
-        handles: dict[str, Any] = {}
-        for one, (colour, lw, marker) in zip(pulled, LINE_STYLES, strict=False):
-            test, predicted, name = one.test, one.predicted, one.sheet.direction
-            strain = 100 * test.strain
-            look: dict[str, Any] = {"color": colour, "lw": lw}
-            sheet: dict[str, Any] = {"marker": marker, "ms": 4 + 2 * lw, "mfc": "none"}
-            left.plot([0, *strain], [0, *test.stress], **look, **sheet)
-            left.plot([0, *strain], [0, *predicted.stress], **look, ls="--")
-            for text, values, how in (
-                (f"along {name}: sheet", test.contraction, sheet),
-                (f"along {name}: predicted", predicted.contraction, {"ls": "--"}),
-                (f"along {name}: sheet, by its middle", test.middle_contraction, {"ls": ":"}),
-            ):
-                (handles[text],) = right.plot(strain, values, **look, **how)
-        right.axhline(0.0, color=style.SOFT, lw=0.8)
-        for axes in (left, right):
-            axes.set_xlim(left=0)
-        figure.legend(handles.values(), handles.keys(), frameon=False, ncols=2, loc="lower center")
 
 
 def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None:
@@ -194,16 +170,6 @@ def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, 
 def region_of_triangles(triangles: Floats) -> BaseGeometry:
     """Return the union of triangles (t, 3, 2) of one mesh."""
     return shapely.simplify(shapely.coverage_union_all(shapely.polygons(triangles)), COLLINEAR)
-
-
-def _over_strain(figure: Figure, left: str, right: str, bottom: float = 0.12) -> tuple[Axes, Axes]:
-    """Return axes side by side over the strain in %, with labels of what they show."""
-    where = {"left": 0.09, "right": 0.95, "bottom": bottom, "top": 0.87, "wspace": 0.3}
-    both = figure.subplots(1, 2, gridspec_kw=where)
-    for axes, label in zip(both, (left, right), strict=True):
-        axes.set(xlabel="strain (%)", ylabel=label)
-        axes.grid(axis="y")
-    return both[0], both[1]
 
 
 def _to_scale(axes: Axes) -> None:

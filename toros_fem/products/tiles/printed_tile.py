@@ -1,9 +1,8 @@
-"""A printed tile: its print, mesh, materials and file, and the sheets that it makes."""
+"""A printed tile: its print, mesh, materials and file, and the sheet that it makes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,13 +13,11 @@ from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
-from toros_fem.base.array_types import Bools, Ints
+from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_path,
-    require_between,
-    require_choice,
     require_kind,
     require_positive,
     shown,
@@ -33,7 +30,6 @@ from toros_fem.products.tiles.printability import repeated
 
 NAME, KIND = "tile.npz", "tile"
 MEMBRANE = Composite(bending=None)
-DIRECTIONS = ("x", "y")
 # Corners of a print closer than this to a straight border of it, in m, are left out.
 COLLINEAR = 1e-9
 # Edges along the shorter side of the plain tile that is meshed along the print.
@@ -79,11 +75,6 @@ class PrintedTile:
                 "a printed tile is one panel: the grain of its knit must be one angle."
             )
 
-    @property
-    def share(self) -> float:
-        """Printed part of its area."""
-        return float(self.region.area / np.prod(self.size))
-
     def tile(self, comm: MPI.Comm) -> tuple[Tile, Bools]:
         """Return the tile, meshed along the print, and whether each triangle is printed, (t,).
 
@@ -114,8 +105,6 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     path = checked_path("folder", folder, FileError) / NAME
 
     def make(archive: Archive) -> PrintedTile:
-        if "printed" in archive.arrays:
-            raise FileError("an older version wrote it: it holds triangles, no polygons")
         numbers = dict(archive.numbers)
         composite = Composite.of_dict(numbers.pop("composite"))
         size = tuple(numbers.pop("size"))
@@ -126,84 +115,35 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     return read_archive(path, KIND, make, FileError, remedy)
 
 
-@dataclass(frozen=True, eq=False)
-class TileSheet:
-    """An open sheet of tiles that is pulled along x or y.
-
-    Attributes:
-        direction: Direction of the pull, "x" or "y".
-        tile: The tile.
-        counts: Numbers of tiles along x and y.
-        pattern: Mesh of the sheet, [0, a · columns] × [0, b · rows].
-        cell: Triangle of the tile that each triangle of the sheet copies, (t,).
-    """
-
-    direction: str
-    tile: Tile
-    counts: tuple[int, int]
-    pattern: Pattern
-    cell: Ints
-
-    @property
-    def axis(self) -> int:
-        """Axis of the pull: 0 for x, 1 for y."""
-        return DIRECTIONS.index(self.direction)
-
-
-def tile_sheet(tile: Tile, direction: str, along: int, across: int) -> TileSheet:
-    """Return a sheet of so many tiles along the direction of the pull, "x" or "y", and across.
-
-    Raises:
-        ParameterError: The direction is unknown, or a number is not whole or less than 1.
-    """
-    require_choice("direction", direction, DIRECTIONS)
-    counts = (along, across) if direction == "x" else (across, along)
-    return TileSheet(direction, tile, counts, *tile.sheet(*counts))
-
-
 def swatch(tile: Tile, region: BaseGeometry) -> tuple[Pattern, BaseGeometry]:
     """Return the cloth of a piece of tiles, at least 5 cm wide each way, and the print on it.
 
     The region is that of one tile, in m.
     """
-    counts = (math.ceil(SWATCH / side - 1e-9) for side in np.diagonal(tile.lattice))
-    cloth, (printed,) = print_layout([tile_sheet(tile, "x", *counts)], region, CLAMPED)
-    return cloth, printed
+    along, across = (math.ceil(SWATCH / side - 1e-9) for side in np.diagonal(tile.lattice))
+    return print_layout(tile, region, (along, across), CLAMPED)
 
 
 def print_layout(
-    sheets: Sequence[TileSheet], region: BaseGeometry, margin: float
-) -> tuple[Pattern, list[BaseGeometry]]:
-    """Return the cloth of sheets with margins for the clamps, and the print on it.
+    tile: Tile, region: BaseGeometry, counts: tuple[int, int], margin: float
+) -> tuple[Pattern, BaseGeometry]:
+    """Return the cloth of a sheet of tiles, and the print on it, continuous across their borders.
 
     Args:
-        sheets: Sheets of the tile.
+        tile: The tile.
         region: The print on one tile, in m.
-        margin: Length in m of unprinted cloth at both ends of each sheet.
-
-    Returns:
-        A pattern with one panel for each sheet, and the printed region of each panel, in m. The
-        print is continuous across the borders of tiles.
-
-    Raises:
-        ParameterError: The margin is negative or not finite.
+        counts: Numbers of tiles along x and y.
+        margin: Length in m of unprinted cloth at both ends along x, for clamps.
     """
-    require_between(0.0, np.inf, margin=margin)
-    corners, regions = [], []
-    for sheet in sheets:
-        offset = np.where(np.arange(2) == sheet.axis, margin, 0.0)
-        size = sheet.pattern.flat_points.max(axis=0) + 2 * offset
-        corners.append(size * [[0, 0], [1, 0], [1, 1], [0, 1]])
-        whole = shapely.simplify(repeated(region, sheet.tile, *sheet.counts), COLLINEAR)
-        regions.append(translate(whole, *offset))
-    flat, panel = np.concatenate(corners), np.arange(len(sheets))
-    halves = np.array([[0, 1, 2], [0, 2, 3]])
+    size = np.array(counts) * np.diagonal(tile.lattice) + [2 * margin, 0.0]
+    corners = size * [[0, 0], [1, 0], [1, 1], [0, 1]]
+    whole = shapely.simplify(repeated(region, tile, *counts), COLLINEAR)
     cloth = Pattern(
-        flat_points=flat,
-        flat_triangles=(4 * panel[:, None, None] + halves).reshape(-1, 3),
-        panel=np.repeat(panel, 2),
-        sewn=np.arange(len(flat)),
-        points=np.column_stack([flat, np.repeat(panel.astype(float), 4)]),
-        panel_names=tuple(f"along_{sheet.direction}" for sheet in sheets),
+        flat_points=corners,
+        flat_triangles=np.array([[0, 1, 2], [0, 2, 3]]),
+        panel=np.zeros(2, dtype=int),
+        sewn=np.arange(4),
+        points=np.column_stack([corners, np.zeros(4)]),
+        panel_names=("along_x",),
     )
-    return cloth, regions
+    return cloth, translate(whole, margin, 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,51 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import together
+from toros_fem.base.mpi import dot, together
 from toros_fem.design.loop.physics import Pressure, Residuals, Saved
-from toros_fem.mechanics.skin.periodicity import UNIAXIAL
-from toros_fem.products.tiles.solver import TileSolver, TileState
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.skin import Skin
 
 ALONG = np.array([[1.0, 0], [0, 0], [0, 0]])
 ACROSS = np.array([[0.0, 0], [0, 1], [0, 0]])
+
+
+def tile_solver(
+    skin: Skin,
+    composite: Composite,
+    periodic: Periodic,
+    log: Callable[[NewtonStep | str], None] | None = None,
+    quadratic: Bools | None = None,
+) -> EquilibriumSolver:
+    """Return the solver of a tile, whose loads are mean deformations (collective).
+
+    One fixed vertex and the prescribed components of F̄ exclude rigid motions. A sheet that stays
+    in its plane does not bend.
+
+    Raises:
+        ParameterError: The sheet may leave its plane and does not resist bending, or its rest shape
+            or seams do not fit a tile.
+    """
+    bending = composite.bending
+    if periodic.flat:
+        composite = replace(composite, bending=None, print_side=None)
+    elif bending is None or bending.rest != "flat" or bending.seams != "continuous":
+        raise ParameterError(
+            "a tile that may leave its plane must resist bending, with rest = 'flat' and "
+            "seams = 'continuous', since its borders are not seams. Or set flat = True to keep "
+            "it in its plane."
+        )
+    fixed = np.zeros((len(skin.pattern.points), 3), dtype=bool)
+    fixed[:, 2], fixed[0] = periodic.flat, True
+    return EquilibriumSolver(
+        skin, composite, Supports(fixed), log=log, periodic=periodic, quadratic=quadratic
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +82,7 @@ class Profile:
     tangent: Floats
     contraction: Floats
     shear: Floats
-    states: tuple[TileState | None, ...]
+    states: tuple[Equilibrium | None, ...]
     gradients: tuple[Floats | None, ...]
     steps: int
     factorisations: int
@@ -71,14 +109,13 @@ class ProfileSolver:
     are collective over tile and batch.
 
     Args:
-        tile: Solver of the tile, F̄n prescribed and F̄t free.
+        tile: Solver of the tile, by `tile_solver`, F̄n prescribed and F̄t free.
         angles: Directions in rad, (k,).
         strain: Strain λ − 1 along each.
         batch: Communicator whose ranks share the directions; None for one rank.
 
     Raises:
-        ParameterError: There is no direction; the strain is 0, −1 or less, or not finite; other
-            components of F̄ are prescribed; or both tile and directions are spread over ranks.
+        ParameterError: The strain is 0, −1 or less, or not finite.
     """
 
     pressures = ()
@@ -86,7 +123,7 @@ class ProfileSolver:
 
     def __init__(
         self,
-        tile: TileSolver,
+        tile: EquilibriumSolver,
         angles: Sequence[float] | Floats,
         strain: float,
         batch: MPI.Comm | None = None,
@@ -94,21 +131,10 @@ class ProfileSolver:
         self.tile, self.strain = tile, float(strain)
         self.angles = np.array(angles, dtype=np.float64)
         self.batch = MPI.COMM_SELF if batch is None else batch
-        if self.angles.ndim != 1 or not len(self.angles) or not np.isfinite(self.angles).all():
-            raise ParameterError(f"angles = {angles} must be at least one finite direction in rad.")
         if not np.isfinite(strain) or strain == 0 or strain <= -1:
             raise ParameterError(f"strain = {strain} must be finite, above -1, and not 0.")
-        if not np.array_equal(tile.periodic.prescribed, UNIAXIAL):
-            raise ParameterError(
-                "a profile needs a sheet that is pulled along n and free across: make the tile's "
-                "solver of Periodic(tile), with prescribed = UNIAXIAL."
-            )
-        if self.batch.size > 1 and tile.skin.comm.size > 1:
-            raise ParameterError(
-                f"the tile is spread over {tile.skin.comm.size} ranks and its directions over "
-                f"{self.batch.size}: spread only one of them. For small tiles, sew the whole tile "
-                "on each rank."
-            )
+        assert tile.model.images is not None
+        self.images = tile.model.images
 
     @property
     def comm(self) -> MPI.Comm:
@@ -121,7 +147,7 @@ class ProfileSolver:
         start: Profile | None = None,
         *,
         gradients: bool = True,
-        allow_continuation: bool = True,
+        once: bool = False,
     ) -> Profile:
         """Return the profile of a density.
 
@@ -129,29 +155,28 @@ class ProfileSolver:
             density: Projected density of the owned triangles, in [0, 1].
             start: Profile of a similar density or strain in the same directions.
             gradients: Whether to compute the gradients of stress and contraction by the density.
-            allow_continuation: As for `TileSolver.solve`.
+            once: As for `EquilibriumSolver.solve`.
 
         Raises:
             ParameterError: The density does not fit, or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium in one of the directions.
         """
 
-        def state(k: int) -> TileState:
-            return self.tile.solve(
-                density,
-                float(self.angles[k]),
-                (1 + self.strain) * ALONG,
-                start=None if start is None else start.states[k],
-                allow_continuation=allow_continuation,
-            )
+        def state(k: int) -> Equilibrium:
+            begin = None if start is None else start.states[k]
+            near = None if begin is None else begin.state
+            return self.tile.solve(density, self._load(k), near, once=once)
 
         return self._measured(state, gradients=gradients)
+
+    def _load(self, k: int) -> Load:
+        return Load(gradient=(1 + self.strain) * ALONG, angle=float(self.angles[k]))
 
     def respond(
         self, projected: Floats, start: Profile | None, pressure: Pressure | None, *, trial: bool
     ) -> Profile:
         """Return the profile and its gradients."""
-        return self.solve(projected, start, allow_continuation=not trial)
+        return self.solve(projected, start, once=trial)
 
     def finish(self, response: Profile) -> Profile:
         """Return the profile as it is: trials are solved to the same tolerance."""
@@ -184,24 +209,20 @@ class ProfileSolver:
         return Residuals(lambda near: objective.residuals(near)[0], rows, np.zeros((len(rows), 0)))
 
     def save(self, response: Profile) -> Saved:
-        """Return what `restore` needs: all unknowns of each direction, and counts."""
+        """Return what `restore` needs: all unknowns of each direction, and numbers."""
         mine = {
-            k: (self.tile.model.patch.gather(state.state), [state.steps, state.factorisations])
-            for k, state in enumerate(response.states)
-            if state is not None
+            k: self.tile.save(state) for k, state in enumerate(response.states) if state is not None
         }
         every = {k: one for part in self.batch.allgather(mine) for k, one in part.items()}
-        unknowns, counts = zip(*(every[k] for k in sorted(every)), strict=True)
-        return np.stack(unknowns), {"counts": list(counts)}
+        unknowns, numbers = zip(*(every[k] for k in sorted(every)), strict=True)
+        return np.stack(unknowns), {"directions": list(numbers)}
 
     def restore(self, projected: Floats, unknowns: Floats, numbers: Mapping[str, Any]) -> Profile:
         """Return a saved profile as if it had just been solved for."""
 
-        def state(k: int) -> TileState:
-            steps, factorisations = numbers["counts"][k]
-            return self.tile.restore(
-                projected, float(self.angles[k]), unknowns[k], counts=(steps, factorisations)
-            )
+        def state(k: int) -> Equilibrium:
+            saved = numbers["directions"][k]
+            return self.tile.restore(projected, unknowns[k], saved, self._load(k))
 
         return self._measured(state, gradients=True)
 
@@ -211,27 +232,16 @@ class ProfileSolver:
     def state_at(self, positions: Floats) -> None:
         """Return None, for the flat tile."""
 
-    def _measured(self, find: Callable[[int], TileState], *, gradients: bool) -> Profile:
+    def _measured(self, find: Callable[[int], Equilibrium], *, gradients: bool) -> Profile:
         """Return the profile of the states in all directions."""
         count, batch = len(self.angles), self.batch
-        states: list[TileState | None] = [None] * count
+        states: list[Equilibrium | None] = [None] * count
         found: list[Floats | None] = [None] * count
         values = np.zeros((6, count))
         with together(batch):
             for k in range(batch.rank, count, batch.size):
-                states[k] = state = find(k)
-                values[:, k] = [
-                    state.stress[0, 0],
-                    self.tile.stiffness(state, ALONG[None])[0, 0],
-                    (1 - state.gradient[1, 1]) / self.strain,
-                    state.gradient[0, 1],
-                    state.steps,
-                    state.factorisations,
-                ]
-                if gradients:
-                    by_stress = self.tile.stress_gradient(state, ALONG)
-                    by_contraction = self.tile.strain_gradient(state, ACROSS)
-                    found[k] = np.stack([by_stress, -by_contraction / self.strain])
+                states[k] = at = find(k)
+                values[:, k], found[k] = self._measure(at, gradients=gradients)
         # Each column is non-zero on one rank only, so the sum is exact and equal on all ranks.
         stress, tangent, contraction, shear, steps, factorisations = batch.allreduce(values)
         return Profile(
@@ -247,9 +257,33 @@ class ProfileSolver:
             factorisations=int(factorisations.sum()),
         )
 
+    def _measure(self, at: Equilibrium, *, gradients: bool) -> tuple[list[float], Floats | None]:
+        """Return the numbers of a direction and their gradients by the density."""
+        model, images = self.tile.model, self.images
+        area, length = float(self.tile.skin.pattern.areas.sum()), images.periodic.length
+        force, motion = self.tile.stretch(at, ALONG)
+        mean = images.mean_gradient(at.state)
+        values = [
+            images.mean_force(model.variation(at.state))[0, 0] / area,
+            dot(self.tile.skin.comm, force, motion) / area,
+            (1 - mean[1, 1]) / self.strain,
+            mean[0, 1],
+            at.steps,
+            at.factorisations,
+        ]
+        if not gradients:
+            return values, None
+        # The derivative of the state by F̄n is the adjoint of the stress: no further solve.
+        by_stress = model.density_sensitivity(at.state, motion) / area
+        across = np.zeros_like(at.state)
+        images.set_mean_gradient(across, ACROSS / length)
+        adjoint = self.tile.solve_tangent(across, at)
+        by_contraction = model.density_sensitivity(at.state, adjoint) / (length * self.strain)
+        return values, np.stack([by_stress, by_contraction])
+
 
 def profiles(
-    tile: TileSolver,
+    tile: EquilibriumSolver,
     density: Floats,
     angles: Sequence[float] | Floats,
     strains: Sequence[float] | Floats,
@@ -272,31 +306,10 @@ class ProfileTarget:
     Attributes:
         stiffness: Targets s* in N/m, (k,); None for none.
         contraction: Targets c*, (k,); None for none.
-
-    Raises:
-        ParameterError: The arrays do not fit together, a stiffness is not positive, or there is no
-            target.
     """
 
     stiffness: Floats | None = None
     contraction: Floats | None = None
-
-    def __post_init__(self) -> None:
-        given = [a for a in (self.stiffness, self.contraction) if a is not None]
-        shapes = {np.shape(a) for a in given}
-        if len(shapes) != 1:
-            raise ParameterError(
-                f"stiffness and contraction have shapes {sorted(shapes)}; give at least one of "
-                "them, each with one value for each direction."
-            )
-        if np.isnan(given).all():
-            raise ParameterError(
-                "all stiffnesses and contractions are NaN: there is no target. Give one for at "
-                "least one direction."
-            )
-        if self.stiffness is not None and np.any(self.stiffness <= 0):
-            smallest = float(np.nanmin(self.stiffness))
-            raise ParameterError(f"a target stiffness is {smallest:g} N/m; it must be positive.")
 
     def forward(self, profile: Profile) -> float:
         """Return T."""
@@ -327,12 +340,6 @@ class ProfileTarget:
         """Return the targets, and s/s* − 1 and c − c*, (2, k) each, NaN without a target."""
         none = np.full(len(profile.angles), np.nan)
         goals = [none if a is None else a for a in (self.stiffness, self.contraction)]
-        for given in goals:
-            if len(given) != len(none):
-                raise ParameterError(
-                    f"the target has {len(given)} directions, the profile {len(none)}. Give both "
-                    "the same directions."
-                )
         deviations = [profile.stiffness / goals[0] - 1, profile.contraction - goals[1]]
         return np.stack(goals), np.stack(deviations)
 
@@ -344,20 +351,10 @@ class Contrast:
     Attributes:
         soft: Directions of the numerator, (k,).
         stiff: Directions of the denominator, (k,).
-
-    Raises:
-        ParameterError: One of them is empty, or their lengths differ.
     """
 
     soft: Bools
     stiff: Bools
-
-    def __post_init__(self) -> None:
-        if not (self.soft.any() and self.stiff.any()) or self.soft.shape != self.stiff.shape:
-            raise ParameterError(
-                f"soft = {self.soft} and stiff = {self.stiff} must have the same length, and each "
-                "must select a direction."
-            )
 
     def forward(self, profile: Profile) -> float:
         """Return T."""

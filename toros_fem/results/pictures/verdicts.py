@@ -70,7 +70,7 @@ def verdict(figures: Sequence[Told], miss: Miss | None = None) -> Verdict | None
     within = f"within {worst.allowed} would be reached"
     known = "its error is not estimated; " if worst.interval is None else ""
     by = "off by " if is_of_shape(worst) else ""
-    reason = f"{name_of(worst)} {by}{worst.off_with_error}{AFTER.get(worst.key, '')}"
+    reason = f"{name_of(worst)} {by}{worst.off(with_error=True)}{AFTER.get(worst.key, '')}"
     if state is State.REACHED:
         reason = ", ".join(
             f"{name_of(figure)} {figure.shown}{AFTER.get(figure.key, '')}" for figure in found[:2]
