@@ -24,7 +24,7 @@ def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     folder = tmp_path / "tile"
     _, result = small_result()
     result = replace(result, trials=(Trial("lines", 0.5, 2, 3),), deviations=(0.25, np.inf))
-    measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
+    measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool), {})
     write_tile_results(folder, TileRun(result, measured, {}))
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert written["inputs"] == SMALL.as_dict()
@@ -61,7 +61,7 @@ def test_a_run_that_looks_finished_has_all_its_files(
         raise OSError("no space")
 
     _, result = small_result()
-    measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
+    measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool), {})
     monkeypatch.setattr("toros_fem.products.tile_design.report.write_tile", full)
     with pytest.raises(OutputError, match="no space"):
         write_tile_results(tmp_path, TileRun(result, measured, {}))
