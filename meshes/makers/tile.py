@@ -89,7 +89,12 @@ class Tile:
         return one_panel(pattern.flat_points, pattern.flat_triangles), whole.cell
 
     def following(
-        self, comm: MPI.Comm, region: BaseGeometry, edge_length: float | None = None
+        self,
+        comm: MPI.Comm,
+        region: BaseGeometry,
+        edge_length: float | None = None,
+        *,
+        coarser: float = 1.0,
     ) -> tuple[Tile, Bools]:
         """Return the tile on a mesh whose edges are the borders of a region (collective).
 
@@ -99,12 +104,12 @@ class Tile:
         Args:
             comm: Communicator.
             region: Polygons in m, in the tile; what leaves it is cut off.
-            edge_length: As of `bordered`.
+            edge_length, coarser: As of `bordered`.
 
         Raises:
             PatternError, ParameterError, MeshSizeError: As of `bordered`.
         """
-        found, inside = bordered(comm, self.pattern, [region], edge_length)
+        found, inside = bordered(comm, self.pattern, [region], edge_length, coarser=coarser)
         # Its assembled points mean nothing: some lie between vertices on opposite borders.
         made, sides = found.pattern, np.diagonal(self.lattice)
         _, first = np.unique(made.sewn, return_index=True)

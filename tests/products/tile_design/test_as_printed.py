@@ -16,8 +16,9 @@ from helpers.tiles import (
     tile_of,
 )
 
-from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.errors import NoEquilibriumError, PatternError
 from toros_fem.materials.sheet import Composite
+from toros_fem.meshes.makers.tile import Tile
 from toros_fem.products.tile_design.as_printed import (
     directions,
     measure_print,
@@ -75,6 +76,32 @@ def test_measured_print() -> None:
     assert [curve.strain for curve in measured.curves] == pytest.approx([0.025, 0.05, 0.075, 0.1])
     assert measured.curves[-1] is result.profile
     assert measured.buckling.shape == (4,)
+
+
+def test_intervals_hold_what_a_finer_mesh_tells() -> None:
+    case, result = small_result()
+    finer = replace(case, edge_length=case.edge_length / 2)
+    fine = simulated_print(finer, SMALL, result.problem, result.result).profile
+    measured = measure_print(result)
+    for name, told in (("stiffness", 0.02), ("contraction", 0.015)):
+        width, value = measured.intervals[name], getattr(result.profile, name)
+        assert width.shape == value.shape
+        assert (np.abs(getattr(fine, name) - value) <= width).all()
+        assert (width <= told * np.abs(value).max()).all(), "so wide that they tell nothing"
+
+
+def test_without_other_meshes_intervals_are_unknown(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    _, result = small_result()
+
+    def fails(*_: object, **__: object) -> None:
+        raise PatternError("borders meet")
+
+    monkeypatch.setattr(Tile, "following", fails)
+    measured = measure_print(result)
+    assert measured.intervals == {}
+    assert "a coarser mesh is left out of the intervals: borders meet" in caplog.text
 
 
 def test_print_without_an_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,7 +25,9 @@ def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     _, result = small_result()
     trial = {"start": "lines", "objective": 0.5, "islands": 2, "narrow": 3}
     result = replace(result, trials=[trial], deviations=(0.25, np.inf))
-    measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
+    measured = PrintMeasurement(
+        result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool), {}
+    )
     write_tile_results(folder, TileRun(result, measured, {}))
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert written["inputs"] == SMALL.as_dict()
@@ -61,7 +63,9 @@ def test_a_run_that_looks_finished_has_all_its_files(
         raise OSError("no space")
 
     _, result = small_result()
-    measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
+    measured = PrintMeasurement(
+        result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool), {}
+    )
     monkeypatch.setattr("toros_fem.products.tile_design.report.write_tile", full)
     with pytest.raises(OutputError, match="no space"):
         write_tile_results(tmp_path, TileRun(result, measured, {}))

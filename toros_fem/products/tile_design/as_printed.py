@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,16 +12,19 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.errors import NoEquilibriumError, PatternError
 from toros_fem.base.mpi import together
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import cleaned_print
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.skin import sew
+from toros_fem.products.actuators.estimates import COARSER
+from toros_fem.products.actuators.other_mesh import COARSER_MESHES
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, TileProblem
 from toros_fem.products.tiles.printability import RepeatedTile, TilePrintability, tile_printability
 from toros_fem.products.tiles.stiffness_profile import (
@@ -43,6 +47,12 @@ PERIODS = {
 }
 # Directions closer than this, in rad, are the same.
 SAME_ANGLE = 1e-9
+# What no coarser mesh tells, at edges as long as the tile: of a stiffness as a part of it.
+UNSEEN = {"stiffness": 0.2, "contraction": 0.1}
+# Units of the figures of a profile.
+UNITS = {"stiffness": "n_per_m", "contraction": "fraction"}
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,16 +124,24 @@ def simulated_print(
         problem, result, print_.limits, island_area=print_.island_area, domain=domain
     )
     (region,) = cleaned.regions
-    tile, cells = case.tile.following(case.comm, region, case.edge_length)
-    skin = sew(MPI.COMM_SELF, tile.pattern)
-    one = tile_solver(skin, config.material.composite, Periodic(tile), quadratic=cells)
-    solver = ProfileSolver(one, case.angles, config.pull.strain, case.comm)
-    widths = tile_printability(tile, region, cells, print_.limits)
+    solver, cells = _solver_of(case, config, region, 1.0)
+    widths = tile_printability(solver.images.periodic.tile, region, cells, print_.limits)
     made = TileResult(case, config, problem, result, region, cells, solver, None, "", widths)
     try:
         return replace(made, profile=solver.solve(made.density, gradients=False))
     except NoEquilibriumError as caught:  # raised by all ranks or by none
         return replace(made, failure=str(caught))
+
+
+def _solver_of(
+    case: TileCase, config: TileDesignScene, region: BaseGeometry, coarser: float
+) -> tuple[ProfileSolver, Bools]:
+    """Return the solver of a print, and whether each triangle of its mesh is printed, (t,)."""
+    edge = coarser * case.edge_length
+    tile, cells = case.tile.following(case.comm, region, edge, coarser=coarser)
+    skin = sew(MPI.COMM_SELF, tile.pattern)
+    one = tile_solver(skin, config.material.composite, Periodic(tile), quadratic=cells)
+    return ProfileSolver(one, case.angles, config.pull.strain, case.comm), cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,16 +155,19 @@ class PrintMeasurement:
         fabric_stiffness: Stiffness of the fabric without print, in N/m.
         buckling: Whether the flat sheet buckles at this strain in each direction of the objective,
             so that a real one wrinkles, (k,).
+        intervals: Half-widths of the intervals of stiffness in N/m and of contraction in these
+            directions, (k,) each, by name; empty if there is no other mesh to compare with.
     """
 
     profile: Profile
     curves: tuple[Profile, ...]
     fabric_stiffness: float
     buckling: Bools
+    intervals: Mapping[str, Floats]
 
 
 def measure_print(made: TileResult) -> PrintMeasurement | None:
-    """Compute profile, stress curves and buckling of a print (collective).
+    """Compute profile, stress curves, buckling and intervals of a print (collective).
 
     The result is None if the print has no equilibrium in one of the directions.
     """
@@ -169,7 +190,8 @@ def measure_print(made: TileResult) -> PrintMeasurement | None:
         return None
     stiffness = float(unprinted.stiffness[0])
     buckling = _buckling(made, designed)
-    return PrintMeasurement(profile, (*curves, designed), stiffness, buckling)
+    intervals = _intervals(made, designed)
+    return PrintMeasurement(profile, (*curves, designed), stiffness, buckling, intervals)
 
 
 def directions(symmetry: str) -> Floats:
@@ -198,6 +220,37 @@ def lifted(solver: EquilibriumSolver, flat: Equilibrium) -> Floats:
     others = flat.state[count:]
     state[len(state) - len(others) :] = others
     return state
+
+
+def _intervals(made: TileResult, profile: Profile) -> dict[str, Floats]:
+    """Return half-widths of a profile, as of `PrintMeasurement`, from coarser meshes (collective).
+
+    A mesh on which the print has no equilibrium, or its borders meet, is left out.
+    """
+    case, others = made.case, {}
+    for ratio in (COARSER ** (k + 1) for k in range(COARSER_MESHES)):
+        try:
+            solver, cells = _solver_of(case, made.config, made.region, ratio)
+            density = cells[solver.tile.skin.owned_cells].astype(np.float64)
+            others[ratio] = solver.solve(density, gradients=False)
+        except (NoEquilibriumError, PatternError) as caught:  # raised by all ranks or by none
+            if case.comm.rank == 0:
+                log.warning("a coarser mesh is left out of the intervals: %s", caught)
+    if not others:
+        return {}
+    extents, edge = (0.0, *case.size), edge_of(made.tile.pattern.areas)
+
+    def widths(name: str, unit: str) -> Floats:
+        values = getattr(profile, name)
+        changes = {ratio: np.abs(getattr(one, name) - values) for ratio, one in others.items()}
+        told = [
+            half_width({r: change[k] for r, change in changes.items()}, unit, extents, edge)
+            for k in range(len(values))
+        ]
+        size = np.abs(values) if name == "stiffness" else 1.0
+        return np.array(told) + UNSEEN[name] * edge / min(case.size) * size
+
+    return {name: widths(name, f"{name}_{unit}") for name, unit in UNITS.items()}
 
 
 def _buckling(made: TileResult, profile: Profile) -> Bools:

@@ -14,7 +14,7 @@ from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
-from toros_fem.products.tile_design.as_printed import PrintMeasurement, TileResult
+from toros_fem.products.tile_design.as_printed import UNITS, PrintMeasurement, TileResult
 from toros_fem.products.tile_design.problem import TileCase
 from toros_fem.products.tiles.printability import SIDE, repeated
 from toros_fem.products.tiles.printed_tile import PrintedTile, swatch, write_tile
@@ -49,13 +49,17 @@ class TileRun(RunResult):
     def figures(self) -> tuple[Figure, ...]:
         """Stiffness and contraction in each direction of the objective."""
         unknown, found = [None] * len(self.case.angles), []
-        for name, unit in (("stiffness", "n_per_m"), ("contraction", "fraction")):
+        intervals = {} if self.measured is None else self.measured.intervals
+        for name, unit in UNITS.items():
             values = _listed(self.made.profile, name) or unknown
             goals = _listed(self.case.target, name) or unknown
-            for angle, value, goal in zip(self.case.angles, values, goals, strict=True):
+            widths = [float(width) for width in intervals[name]] if name in intervals else unknown
+            for angle, value, width, goal in zip(
+                self.case.angles, values, widths, goals, strict=True
+            ):
                 key = f"{name}_at_{np.degrees(angle):g}_deg".replace(".", "_")
                 tolerance = None if goal is None else TOLERANCE * (abs(goal) or 1.0)
-                found.append(Figure(key, unit, value, target=goal, tolerance=tolerance))
+                found.append(Figure(key, unit, value, width, goal, tolerance))
         return tuple(found)
 
     @property
