@@ -1,6 +1,7 @@
 """A skin through a sequence of pressures, and where a path stops."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,10 +9,12 @@ from helpers.scenes import TABLE_A
 from helpers.standing import solver_on_base
 from mpi4py import MPI
 
+from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.paths.trace import _predicted_motion, follow_pressures, trace
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import Skin, cylinder, sew
 
 
@@ -63,3 +66,43 @@ def test_a_path_names_the_point_where_it_ends(alone: MPI.Comm) -> None:
     assert next(path).result.pressure == 1e3
     with pytest.raises(EquilibriumError, match="the path ends between 1000 Pa and 3000 Pa, after"):
         next(path)
+
+
+def test_there_are_points_where_the_skin_moves_far(
+    tube: Skin, tube_solver: EquilibriumSolver
+) -> None:
+    density = np.full(len(tube.owned_cells), 0.3)
+    begin, end = (tube_solver.solve(density, pressure) for pressure in (2e3, 3.6e3))
+    model, comm = tube_solver.model, tube.comm
+    moved = norm(comm, model.positions(end.state) - model.positions(begin.state))
+    path = follow_pressures(tube_solver, density, [end.load], (), begin, lambda: moved / 3.5)
+    found = [point.result for point in path]
+    assert 4 <= len(found) <= 5
+    assert found[-1].volume == pytest.approx(end.volume, rel=1e-8)
+    states = [begin.state, *(one.state for one in found)]
+    steps = [norm(comm, model.positions(b - a)) for a, b in pairwise(states)]
+    assert max(steps) < 1.2 * moved / 3.5
+
+
+def test_the_motion_is_told_before_it_is_made(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """Where supports move, and from what is no stable state of the design, none is told."""
+    density = np.full(len(tube.owned_cells), 0.3)
+    begin, end = (tube_solver.solve(density, pressure) for pressure in (2e3, 2.1e3))
+    model, comm = tube_solver.model, tube.comm
+    moved = norm(comm, model.positions(end.state) - model.positions(begin.state))
+
+    def told(at: Equilibrium, load: Load = end.load) -> float:
+        return _predicted_motion(tube_solver, at, density, load)
+
+    assert told(begin) == pytest.approx(moved, rel=0.05)
+    shift = np.zeros(tube.pattern.points.shape)
+    shift[model.supports.fixed] = 1e-4
+    assert told(begin, replace(end.load, displacement=shift)) == 0
+    noise = np.random.default_rng(5).standard_normal(len(begin.state)) * model.free
+    assert told(replace(begin, state=begin.state + 1e-3 * noise)) == 0
+    trial = tube_solver.solve(density, 2e3, trial=True)
+    families = replace(begin, density=np.stack([density, density], axis=1))
+    for start in (trial, families):
+        assert told(start) == 0
+        (point,) = follow_pressures(tube_solver, density, [end.load], (), start, lambda: 1e-9)
+        assert point.result.volume == pytest.approx(end.volume, rel=1e-8)

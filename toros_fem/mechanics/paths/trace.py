@@ -11,6 +11,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import norm
 from toros_fem.base.validation import require_callable, require_choice, require_kind, shown
 from toros_fem.measures.metrics import Metric, check_metrics
 from toros_fem.mechanics.equilibrium.continuation import (
@@ -21,7 +22,6 @@ from toros_fem.mechanics.equilibrium.continuation import (
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions, follow_arc
-from toros_fem.mechanics.paths.prediction import Prediction
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 
@@ -137,26 +137,43 @@ def follow_pressures(
 ) -> Iterator[TracePoint]:
     """Yield the equilibria under one load after the other, as of `trace` (collective).
 
-    Where the skin is predicted to move by more than the largest motion between two of them, in m
-    as of `Prediction.motion`, there are more, at equal parts of the way.
+    Where the tangent predicts that the skin moves by more than the largest motion between two of
+    them, in m as of `_predicted_motion`, there are more, at equal parts of the way.
     """
-    prediction = Prediction(solver, start) if isinstance(start, Equilibrium) else None
+    last = start if isinstance(start, Equilibrium) else None
     for load in loads:
-        if prediction is None:
-            prediction = Prediction(solver, solver.solve(density, load, start))
-            yield measured_point(solver, prediction.last, metrics)
+        if last is None:
+            last = solver.solve(density, load, start)
+            yield measured_point(solver, last, metrics)
             continue
-        before = prediction.last
         # Of a pressure alone the rest of the load stays.
-        given = load if isinstance(load, Load) else replace(before.load, pressure=load)
+        given = load if isinstance(load, Load) else replace(last.load, pressure=load)
         end, towards = given.on(solver.model), None
         while towards is not end:
             towards = end
             if largest_motion is not None:
-                motion = prediction.motion(density, end)
-                towards = _part_of_way(prediction.last.load, end, motion, largest_motion())
-            _continue(solver, density, prediction, towards)
-            yield measured_point(solver, prediction.last, metrics)
+                motion = _predicted_motion(solver, last, density, end)
+                towards = _part_of_way(last.load, end, motion, largest_motion())
+            last = _continue(solver, density, last, towards)
+            yield measured_point(solver, last, metrics)
+
+
+def _predicted_motion(
+    solver: EquilibriumSolver, last: Equilibrium, density: Floats, load: Load
+) -> float:
+    """Return how far the skin is expected to move to a load (collective).
+
+    It is the root of the sum of squares over all vertices, in m; 0 where nothing is predicted:
+    moved supports or bodies carry the skin along, and friction makes a path of steps.
+    """
+    model = solver.model
+    if load.moves_from(last.load) or model.slides or last.density.shape[1:] != density.shape[1:]:
+        return 0.0
+    try:
+        motion = solver.motion_to(density, load, last)
+    except ParameterError:  # raised by all ranks or by none: a trial, or of another solver
+        return 0.0
+    return norm(solver.skin.comm, model.positions(motion))
 
 
 def _part_of_way(begin: Load, end: Load, motion: float, largest: float) -> Load:
@@ -168,22 +185,19 @@ def _part_of_way(begin: Load, end: Load, motion: float, largest: float) -> Load:
 
 
 def _continue(
-    solver: EquilibriumSolver, density: Floats, prediction: Prediction, load: Load
-) -> None:
-    """Add the equilibrium under a load, and those that lead to it, to a prediction."""
-    before = last = prediction.last
-    begin = before.load
+    solver: EquilibriumSolver, density: Floats, before: Equilibrium, load: Load
+) -> Equilibrium:
+    """Return the equilibrium under a load, by smaller increments where one is too large."""
+    begin, reached, last = before.load, before, before
 
     def attempt(_: Floats, fraction: float) -> Attempt:
-        nonlocal last
+        nonlocal reached, last
         level = begin.towards(load, fraction) if fraction < 1 else load
-        start, after = prediction.start(density, level), prediction.last
-        last = solver.solve(density, level, start, after=after, raise_on_failure=False, trial=True)
+        last = solver.solve(density, level, after=reached, raise_on_failure=False, trial=True)
         steps = last.steps
         if last.converged:
             try:
-                last = solver.finish(last)
-                prediction.add(last)
+                reached = last = solver.finish(last)
             except EquilibriumError as error:  # raised by all ranks or by none
                 last = error.result
             steps += last.steps
@@ -198,3 +212,4 @@ def _continue(
             'point a path goes on by="arc-length".',
             last,
         )
+    return reached
