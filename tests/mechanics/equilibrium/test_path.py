@@ -1,7 +1,5 @@
 """The path through an equilibrium: snaps, singular points, states that are connected."""
 
-from collections.abc import Callable
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,9 +12,8 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium import path
-from toros_fem.mechanics.equilibrium.continuation import Attempt
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.path import SMALL, PathPoint, find_jump, joins, leads
+from toros_fem.mechanics.equilibrium.path import PathPoint, may_snap
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
@@ -84,65 +81,37 @@ def test_a_snap_is_told_and_a_path_without_one_is_not(arch: Arch) -> None:
     assert arch.height(back) == pytest.approx(-arch.height(free), rel=1e-3)
 
 
-def test_tangents_at_both_ends_tell_a_smooth_path(arch: Arch) -> None:
-    """Where neither of them does alone; across a jump they do not, however near it begins."""
-    free, solver = arch.pushed(0.0), arch.solver
-    model, newton = solver.model, solver._newton
-
-    def told(begin: Equilibrium, end: Equilibrium) -> tuple[bool, bool]:
-        solver.tangent_at(end)
-        one = leads(model, newton.factor, end.point, begin.point, SMALL)
-        return one, joins(model, newton, begin.point, end.point)
-
-    below = arch.pushed(4.5e-3, free)
-    assert told(free, below) == (False, True)
-    assert newton.stable(below.state)
-    x = np.cos(np.arange(len(below.state))) * model.free
-    assert newton.factor.solve(newton.factor.multiply(x)) == pytest.approx(x, abs=1e-7)
-    before = below
+def test_a_jump_is_told_from_a_steep_path(arch: Arch) -> None:
+    """However near it begins, and however far the load goes on."""
+    free = arch.pushed(0.0)
+    before = arch.pushed(4.5e-3, free)
+    x = np.cos(np.arange(len(free.state))) * arch.solver.model.free
+    factor = arch.solver._newton.factor
+    assert factor.solve(factor.multiply(x)) == pytest.approx(x, abs=1e-7), "those of the end"
     for force in (6.5e-3, 6.8e-3, 6.9e-3):
+        assert arch.pushed(force, free).condition.snapped is False
         before = arch.pushed(force, before)
+        assert before.condition.snapped is False
         assert arch.height(before) > 0
         for far in (8e-3, 20e-3, 50e-3):
-            beyond = arch.pushed(far, before)
-            assert beyond.condition.snapped is True
-            assert told(before, beyond) == (False, False)
+            assert arch.pushed(far, before).condition.snapped is True
 
 
 @pytest.mark.parametrize(
-    ("forward", "backward", "joined"),
-    [
-        (1.1, 0.8, True),
-        (1.45, 0.6, True),  # each explains half of the motion, their mean nearly all
-        (1.51, 0.31, False),  # a fold, a jump of 60 %, and a path of constant stiffness
-        (0.6, 1.45, True),
-        (0.4, 1.45, False),
-        (1.3, 1.3, False),
-        (np.nan, 1.0, False),
-        (1.0, np.nan, False),
-    ],
+    ("predicted", "jumps"),
+    [(0.45, True), (0.55, False), (5.0, False), (-1.0, True), (np.nan, True)],
 )
-def test_both_tangents_and_their_mean_must_predict(
-    monkeypatch: pytest.MonkeyPatch, forward: float, backward: float, joined: bool
+def test_the_tangent_must_predict_half_of_the_motion(
+    monkeypatch: pytest.MonkeyPatch, predicted: float, jumps: bool
 ) -> None:
-    one, load = np.ones(1), Load(np.ones(1))
+    one, load = np.ones(2), Load(np.ones(1))
     begin, end = PathPoint(one, load, 0 * one), PathPoint(one, load, one)
-    moves = {0.0: forward, 1.0: -backward}
-    monkeypatch.setattr(path, "_predicted", lambda *a: np.full(1, moves[float(a[2].state[0])]))
-    model: Any = SimpleNamespace(
-        skin=SimpleNamespace(comm=MPI.COMM_SELF), free=one, set_density=id, set_load=id
-    )
-    stable: list[Floats] = []
-
-    def is_stable(state: Floats) -> bool:
-        stable.append(state)
-        return True
-
-    newton: Any = SimpleNamespace(factor=None, stable=is_stable)
-    assert joins(model, newton, begin, end) is joined
-    there = len(stable)
-    assert joins(model, newton, replace(begin, motion=np.full(1, forward)), end) is joined
-    assert len(stable) == there, "the begin is not factorised where its motion is known"
+    aside = np.array([1.0, -1.0])
+    monkeypatch.setattr(path, "motion_to", lambda *_: -predicted * one + aside)
+    skin = SimpleNamespace(comm=MPI.COMM_SELF, pattern=SimpleNamespace(size=1.0))
+    model: Any = SimpleNamespace(skin=skin, free=one)
+    assert may_snap(model, None, begin, end) is jumps  # type: ignore[arg-type]
+    assert not may_snap(model, None, begin, begin)  # type: ignore[arg-type]
 
 
 def test_a_limit_point_is_seen_from_near(arch: Arch) -> None:
@@ -188,43 +157,3 @@ def test_a_skin_blown_up_to_its_bounds_says_so(alone: MPI.Comm) -> None:
     held = solver_on_base(skin, cloth).solve(plain, 2.5e3)
     assert not held.condition.blown_up
     assert held.condition.sentences == ""
-
-
-def slope(path: Callable[[float], float], at: float) -> float:
-    """The derivative of a path."""
-    return (path(at + 1e-6) - path(at - 1e-6)) / 2e-6
-
-
-def jump_of(
-    path: Callable[[float], float], end: float, solved: list[float] | None = None
-) -> tuple[bool | None, float]:
-    """The answer for a path of one number that is known; `solved` takes the places of solves."""
-    places = [] if solved is None else solved
-
-    def attempt(_: Floats, at: float) -> Attempt:
-        places.append(at)
-        return Attempt(np.array([path(at)]), 1, 1)
-
-    one = np.zeros(1)
-    load = Load(one)
-    begin, last = (PathPoint(one, load, np.array([x])) for x in (path(0.0), end))
-    found, reached = find_jump(
-        lambda a, b: float(abs(a - b)[0]),
-        attempt,
-        lambda a, f, b, g: abs(a + (g - f) * slope(path, f) - b)[0] <= 0.5 * abs(b - a)[0],
-        begin,
-        last,
-    )
-    return found, float(reached[0])
-
-
-def test_jumps_of_known_paths() -> None:
-    assert jump_of(lambda f: f, 1.0) == (False, 1.0)
-    assert jump_of(lambda f: f**4, 1.0) == (False, 1.0)
-    for place in (0.02, 0.3, 0.77, 0.99):
-        assert jump_of(lambda f, p=place: 0.1 * f + (f > p), 1.1) == (True, 1.1)  # type: ignore[misc]
-    solved: list[float] = []
-    assert jump_of(lambda f: f + 0.3 * f * f, 1.3, solved) == (False, 1.3)
-    assert solved == [0.5], "the tangent in the middle leads to both ends"
-    # The path is smooth, but the end that was found lies elsewhere.
-    assert jump_of(lambda f: f, 3.0)[1] == 1.0

@@ -20,7 +20,7 @@ class Told(RunResult):
     """A result with a note."""
 
     figures = (Figure("angle", "deg", 1.0),)
-    notes: Sequence[str] = ("At 2 kPa: The skin snapped.",)
+    notes: Sequence[str] = ("At 2 kPa: The skin may have snapped.",)
 
     def entries(self) -> dict[str, Any]:
         return {"manufacture": {"narrow_places": 1}}
@@ -109,6 +109,6 @@ def test_what_is_logged_while_a_run_is_open_is_in_its_summary(
     log.warning("after")
     assert content["warnings"] == [
         "a mesh is left out.",
-        "At 2 kPa: The skin snapped.",
+        "At 2 kPa: The skin may have snapped.",
         "1 place is narrower than the printer's least line.",
     ]

@@ -57,14 +57,12 @@ class Attempt:
         outcome: Converged reason of SNES: above 0 the state is an equilibrium.
         steps: Number of steps.
         history: One row for each step, and the row that ends the solve.
-        definite: Whether no shift was needed and no saddle was met on the way.
     """
 
     state: Floats
     outcome: int
     steps: int
     history: tuple[NewtonStep, ...] = ()
-    definite: bool = True
 
     @property
     def converged(self) -> bool:

@@ -45,9 +45,9 @@ class Condition:
     """What a user should know of an equilibrium before trusting it.
 
     Attributes:
-        snapped: Whether the skin jumps on the way from its start: no path of stable equilibria
-            connects the two. None where the start is no equilibrium of this design that the solver
-            knows, or where the path was not followed, as in trials.
+        snapped: Whether the skin may have jumped on the way from its start: the tangent does not
+            lead back there. None where the start is no equilibrium of this design that the solver
+            knows, and of trials.
         critical_load: Factor on the load at which the tangent is expected to be singular, a limit
             point or a bifurcation, if that is within 5 % of the load; otherwise None. Trials do
             not look for it.
@@ -70,7 +70,7 @@ class Condition:
         found = []
         if self.snapped:
             found.append(
-                "The skin snapped: no path of stable equilibria leads here from the start."
+                "The skin may have snapped: its tangent here does not lead back to the start."
             )
         if self.critical_load is not None:
             found.append(

@@ -36,7 +36,7 @@ class Equilibrium:
         volumes: Volume of each chamber in m³.
         stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
-        condition: Whether it snapped, is near a limit point, blown up or folded.
+        condition: Whether it may have snapped, is near a limit point, blown up or folded.
         smallest_distance: Smallest distance in m between faces of skin, bodies and ground,
             positive; at most the distance from which on contact acts. None without contact.
         poses: Poses of all bodies, a row of six for each: translation in m, rotation vector in
@@ -50,7 +50,6 @@ class Equilibrium:
         sliding: Where it sticks to ground and bodies now, for the next step of a path; None without
             friction.
         before: Of a trial the equilibrium that it came from, by which its path is judged.
-        definite: Whether no negative curvature was met on the way from there.
     """
 
     density: Floats
@@ -76,7 +75,6 @@ class Equilibrium:
     begin: Floats | None = None
     sliding: Floats | None = None
     before: PathPoint | None = None
-    definite: bool = True
 
     @property
     def pressure(self) -> float:

@@ -201,7 +201,7 @@ class Landing:
         """Return a lower point along the softest mode of a saddle."""
         at = self.at
         at.escapes += 1
-        at.ladder.shift, at.ladder.definite = 0.0, False
+        at.ladder.shift = 0.0
         mode = softest_mode(at.model, at.factor, saddle.residual, at.escapes)
         at.factor.usable = False
         fraction = at.cap_of(saddle.state, mode)

@@ -268,7 +268,6 @@ class ShiftLadder:
         shift: τ of the last factorisation.
         first: The shift with which a solve near the last one begins: neighbouring designs need
             like shifts in their first steps.
-        definite: Whether no shift was needed since `reset`.
         renew: Whether the preconditioner factorises; else it keeps the factors that it has.
     """
 
@@ -282,7 +281,7 @@ class ShiftLadder:
         self.shift = self.first if near else 0.0
         # A smaller shift is worth a factorisation only if the last try of one succeeded.
         self._refused = self.shift > 0
-        self._begins = self.definite = True
+        self._begins = True
 
     @property
     def exhausted(self) -> bool:
@@ -304,7 +303,6 @@ class ShiftLadder:
             lower = shift / GROWTH if shift >= GROWTH * SMALLEST_SHIFT else 0.0
             self._begins, self.first = False, shift if refused else lower
         self._refused = refused and not self._refused
-        self.definite &= shift == 0
         self.shift = shift
         return found
 

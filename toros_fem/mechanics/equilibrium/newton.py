@@ -145,7 +145,7 @@ class Newton:
         near &= begin is start
         state, outcome = self.minimise(begin, tolerance, left, near=near, finish=not trial)
         rows = tuple(self._at.history)
-        return Attempt(state, outcome, len(rows), rows, self.ladder.definite)
+        return Attempt(state, outcome, len(rows), rows)
 
     def minimise(
         self, start: Floats, tolerance: float, max_steps: int, *, near: bool, finish: bool
@@ -215,7 +215,6 @@ class Attempts:
     Attributes:
         history: Rows of all of them.
         last: Where the last one ended.
-        definite: Whether none of them needed a shift or met a saddle.
     """
 
     def __init__(self, solver: Newton, *, near: bool = False) -> None:
@@ -223,7 +222,6 @@ class Attempts:
         self._factorisations = solver.factor.count
         self.history: list[NewtonStep] = []
         self.last: Floats | None = None
-        self.definite = True
 
     def __call__(
         self, start: Floats, max_steps: int | None = None, *, trial: bool = False
@@ -232,7 +230,6 @@ class Attempts:
         found = self._solver(start, near=self._near, max_steps=max_steps, trial=trial)
         self._near = found.converged
         self.history.extend(found.history)
-        self.definite &= found.definite
         self.last = found.state
         return found
 

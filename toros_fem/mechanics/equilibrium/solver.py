@@ -51,7 +51,7 @@ class EquilibriumSolver(TangentSolver):
         supports: Fixed components and directions.
         options: Tolerance and limits.
         log: Called with every row of a solve's history as it comes, and with a sentence where the
-            equilibrium snapped, is near a limit point, blown up or folded; on every rank.
+            equilibrium may have snapped, is near a limit point, blown up or folded; on every rank.
         further: `chambers`: pressure chambers. `weight`: the skin's own weight. `contact`: what it
             touches. `design`: what is designed, if not densities. `quadratic`: triangles with a
             quadratic displacement. None, or none given, leaves each out (`make_model.Further`).

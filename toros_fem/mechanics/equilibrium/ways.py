@@ -20,7 +20,7 @@ from toros_fem.mechanics.equilibrium.continuation import (
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of, failure, success
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, readings
 from toros_fem.mechanics.equilibrium.newton import Attempts, Newton
-from toros_fem.mechanics.equilibrium.path import PathPoint, connect, critical_load
+from toros_fem.mechanics.equilibrium.path import PathPoint, critical_load, may_snap
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.skin.load import Load
 
@@ -325,7 +325,7 @@ def settle(
 
     Friction begins from `begin`; `log` is called with a sentence where something is not as usual.
     """
-    model, near, attempts = search.model, search.near, search.attempts
+    model, near = search.model, search.near
     if model.contact is not None:
         model.contact.begin_step(begin, search.load)
     end = search_equilibrium(search)
@@ -342,20 +342,12 @@ def settle(
     if end.load_factor == 1.0 and not search.trial:
         point = replace(search.target, state=end.state)
         if origin is not None:
-            snapped, point = connect(
-                model,
-                search.newton,
-                lambda start, at: attempts(search.prescribed(start, at.displacement)),
-                origin,
-                point,
-                definite=attempts.definite and (near is None or near.definite),
-            )
-            end = ContinuationResult(point.state, 1.0, end.outcome)
+            snapped = may_snap(model, search.newton.factor, origin, point)
         if origin is not None or not search.direct:
             critical = critical_load(model, search.newton.factor, point)
     found = _read(search, end, snapped, critical, log)
     before = origin if search.trial else None
-    return replace(found, begin=begin, before=before, definite=attempts.definite)
+    return replace(found, begin=begin, before=before)
 
 
 def residual_at(model: SkinModel, newton: Newton, state: Floats) -> float:
