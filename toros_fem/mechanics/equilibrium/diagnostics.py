@@ -161,8 +161,7 @@ def failure(
     why = why.format(max_steps=max_steps)
     bounds = model.composite.stated_bounds
     begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
-    ways = ", by raising or lowering the load, or by stiffening the plain fabric"
-    begin += f"once{'' if once else ways}"
+    begin += f"once{'' if once else ' or by raising the load'}"
     begin += f": {why}."
     folds = _folds(model, tried)
     if folds:

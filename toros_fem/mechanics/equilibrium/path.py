@@ -34,11 +34,6 @@ class PathPoint:
     load: Load
     state: Floats
 
-    def towards(self, other: PathPoint, fraction: float) -> tuple[Floats, Load]:
-        """Return the density and the load a fraction of the way to another point."""
-        density = self.density + fraction * (other.density - self.density)
-        return density, self.load.towards(other.load, fraction)
-
 
 def may_snap(model: SkinModel, factor: TangentFactor, begin: PathPoint, end: PathPoint) -> bool:
     """Return whether the skin may jump between two equilibria (collective).
