@@ -221,7 +221,7 @@ def patiently(search: Search) -> ContinuationResult | None:
     return reached(search.attempt(search.first.state, search.load, most))
 
 
-# Without any of these, some case of the benchmark `stability` or of the tests fails (docs/solver.md).
+# Without any one of these some case fails (docs/solver.md).
 WAYS: tuple[Way, ...] = (opened, at_once, from_rest, by_load, by_supports, patiently)
 
 
