@@ -401,7 +401,6 @@ SOLVES: Table = {
     "path of a skin": lambda s: tf.trace(s.skin, s.plain, [1e3]),
     "first increment is zero": lambda s: ArcLengthOptions(first_increment=0),
     "limit points of numbers": lambda s: tf.limit_points([1.0, 2.0]),
-    "limit points of a path": lambda s: tf.limit_points(iter([])),
     "wrinkles of a membrane": lambda s: wrinkle_field(s.solver, s.plain, s.result),
     "wrinkles of nothing": lambda s: wrinkle_field(s.solver, s.plain, None),
 }

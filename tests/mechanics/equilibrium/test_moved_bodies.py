@@ -105,10 +105,7 @@ def test_a_part_of_the_weight_is_restored(alone: MPI.Comm) -> None:
 def test_a_path_by_arc_length_without_a_first_point_says_so(
     drum: Drum, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def singular(*_: object) -> int:
-        raise arc_length._StepError("the tangent is singular.")
-
-    monkeypatch.setattr(arc_length._ArcLength, "_factorise", singular)
+    monkeypatch.setattr(arc_length._ArcLength, "_factorise", lambda *_: None)
     force = np.zeros(drum.pattern.points.shape)
     force[:, 2] = -1e-3
     path = trace(drum.solver, drum.plain, Load(force=force), by="arc-length")

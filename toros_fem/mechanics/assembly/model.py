@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import Any, TypeVar
 
 import numpy as np
 import ufl
@@ -40,7 +40,6 @@ from toros_fem.mechanics.terms.sheet import (
     Sheet,
 )
 from toros_fem.mechanics.terms.term import Term
-from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 
 # Rounding of the stretching energy over modulus times area: about a hundred units in the last
@@ -48,14 +47,6 @@ from toros_fem.meshes.skin import Skin
 ENERGY_ROUNDING = 2.5e-14
 
 Kind = TypeVar("Kind", bound=Term)
-
-# Types of these, and what to say of another one.
-_KINDS = {
-    "chambers": (Chambers, "Chambers, or None for one"),
-    "weight": (Weight, "a Weight, or None for none"),
-    "contact": (Contact, "a Contact, or None for none"),
-    "periodic": (Periodic, "a Periodic, or None for a skin that does not repeat"),
-}
 
 
 class SkinModel:
@@ -349,34 +340,26 @@ class SkinModel:
         return np.asarray(sum(parts, start=np.zeros(len(self._dofs))))
 
 
-class Further(TypedDict, total=False):
-    """What a skin may have besides materials and supports; None, or no entry, leaves it out.
-
-    Attributes:
-        chambers: Pressure chambers; None for one.
-        weight: The skin's own weight.
-        contact: What it touches: itself, the ground, bodies.
-        design: Makes of skin and composite what is designed; None for `Densities`. A
-            `functools.partial` of `LineDesign` makes line families.
-        periodic: The tile that the skin is.
-        quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
-            is in printed lines.
-    """
-
-    chambers: Chambers | None
-    weight: Weight | None
-    contact: Contact | None
-    design: Callable[[Skin, Composite], Densities] | None
-    periodic: Periodic | None
-    quadratic: Bools | None
-
-
 def make_model(
-    skin: Skin, composite: Composite, supports: Supports, **further: Unpack[Further]
+    skin: Skin,
+    composite: Composite,
+    supports: Supports,
+    *,
+    chambers: Chambers | None = None,
+    weight: Weight | None = None,
+    contact: Contact | None = None,
+    design: Callable[[Skin, Composite], Densities] | None = None,
+    quadratic: Bools | None = None,
+    periodic: Periodic | None = None,
 ) -> SkinModel:
     """Return the model of a skin with the terms that it has (collective).
 
     The supports, with the prescribed ones of a tile's mean deformation, must leave no rigid motion.
+
+    Args:
+        skin, composite, supports: As of `EquilibriumSolver`, and so are those that follow.
+        chambers, weight, contact, design, quadratic: What the skin has besides.
+        periodic: The tile that the skin is; None for one that does not repeat.
 
     Raises:
         ParameterError: They leave one, or are made for another pattern; an argument is of another
@@ -384,42 +367,43 @@ def make_model(
             something.
         PatternError: Chambers of a skin with free edges that no symmetry plane closes.
     """
-    unknown = further.keys() - Further.__annotations__
-    if unknown:
-        raise TypeError(
-            f"there is no argument {', '.join(sorted(unknown))}; known are "
-            f"{', '.join(Further.__annotations__)}."
-        )
     require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
     require_kind("composite", composite, Composite, "a Composite, by Composite(fabric, …)")
     require_kind("supports", supports, Supports, "Supports, by clamp(pattern, panels) for instance")
-    for name, (kind, wanted) in _KINDS.items():
-        require_kind(name, further.get(name), (kind, type(None)), wanted)
-    chambers, weight = further.get("chambers"), further.get("weight")
-    contact, periodic = further.get("contact"), further.get("periodic")
-    make_design = further.get("design")
-    if make_design is not None:
-        require_callable("design", make_design, "a function of skin and composite, or None")
-    design = Densities(skin) if make_design is None else make_design(skin, composite)
-    if isinstance(design, LineDesign):
-        _require_known(contact)
+    for name, given, kind, wanted in (
+        ("chambers", chambers, Chambers, "Chambers, or None for one"),
+        ("weight", weight, Weight, "a Weight, or None for none"),
+        ("contact", contact, Contact, "a Contact, or None for none"),
+        ("periodic", periodic, Periodic, "a Periodic, or None for a skin that does not repeat"),
+    ):
+        require_kind(name, given, (kind, type(None)), wanted)
+    if design is not None:
+        require_callable("design", design, "a function of skin and composite, or None")
+    designed = Densities(skin) if design is None else design(skin, composite)
+    if isinstance(designed, LineDesign) and contact is not None:
+        raise ParameterError("relaxed designs know no contact; leave contact out, or families.")
     pattern, bending = skin.pattern, composite.bending
     if periodic is None and (contact is None or not contact.holds):
         supports.require_no_rigid_motion(pattern, bends=bending is not None)
     planes = Planes(pattern, supports)
 
-    terms: list[Term] = [Sheet(skin, composite, design)]
+    terms: list[Term] = [Sheet(skin, composite, designed)]
     if composite.bladder is not None:
         terms.append(RubberLayer(skin, composite.bladder))
-    if isinstance(design, LineDesign):
-        terms.append(LineFamilies(skin, composite, design))
+    if isinstance(designed, LineDesign):
+        terms.append(LineFamilies(skin, composite, designed))
     if composite.knit is not None:
         terms.append(Courses(skin, composite, composite.knit))
     if bending is not None:
         repeats = periodic is not None
         terms.append(Bend(skin, composite, bending, supports, repeats=repeats))
-    if (quadratic := further.get("quadratic")) is not None:
-        _require_quadratic(quadratic, pattern)
+    if quadratic is not None:
+        cells = np.asarray(quadratic)
+        if cells.dtype != np.bool_ or cells.shape != (len(pattern.panel),):
+            raise ParameterError(
+                f"quadratic has shape {cells.shape} and type {cells.dtype}; it must be "
+                f"{len(pattern.panel)} truth values, one for each triangle."
+            )
         sheet, first = terms[0].bounds, 3
         if bending is not None:  # flaps, and rotations as one more vector, come before
             first = 7 if bending.curvature == "midedge" else 6
@@ -439,18 +423,4 @@ def make_model(
     if contact is not None:
         sizes = contact.sizes(composite)
         terms.append(SkinContact(skin, contact, sizes, supports.fixed, planes.of_symmetry()))
-    return SkinModel(skin, composite, supports, terms, design)
-
-
-def _require_known(contact: Contact | None) -> None:
-    if contact is not None:
-        raise ParameterError("relaxed designs know no contact; leave contact out, or families.")
-
-
-def _require_quadratic(cells: Any, pattern: Pattern) -> None:
-    found, count = np.asarray(cells), len(pattern.panel)
-    if found.dtype != np.bool_ or found.shape != (count,):
-        raise ParameterError(
-            f"quadratic has shape {found.shape} and type {found.dtype}; it must be {count} truth "
-            "values, one for each triangle."
-        )
+    return SkinModel(skin, composite, supports, terms, designed)

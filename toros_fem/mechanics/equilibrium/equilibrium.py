@@ -91,11 +91,6 @@ class Equilibrium:
         """Its design, load and state."""
         return PathPoint(self.density, self.load, self.state)
 
-    @property
-    def origin(self) -> PathPoint | None:
-        """The point that a path from here is judged by."""
-        return self.point if self.complete else self.before
-
     def numbers(self) -> dict[str, Any]:
         """Return all numbers that JSON can hold; `numbers_read` makes them fields again."""
         found = {name: getattr(self, name) for name in SAVED}

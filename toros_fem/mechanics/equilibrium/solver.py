@@ -4,22 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, Unpack
+from typing import Any
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError, TorosWarning
-from toros_fem.base.mpi import (
-    on_first_rank,
-    together,
-    warn_together,
-)
-from toros_fem.base.validation import (
-    require_callable,
-    require_flag,
-    require_kind,
-)
+from toros_fem.base.mpi import on_first_rank, together, warn_together
+from toros_fem.base.validation import require_callable, require_flag, require_kind
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import Further, make_model
+from toros_fem.mechanics.assembly.model import make_model
+from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,
@@ -27,11 +20,13 @@ from toros_fem.mechanics.equilibrium.equilibrium import (
     numbers_read,
 )
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.equilibrium.start import relaxed_start, require_apart, start_state
 from toros_fem.mechanics.equilibrium.tangent_solver import TangentSolver
 from toros_fem.mechanics.equilibrium.ways import Search, residual_at, settle, sliding_at
+from toros_fem.mechanics.skin.chambers import Chambers
+from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
@@ -52,9 +47,13 @@ class EquilibriumSolver(TangentSolver):
         options: Tolerance and limits.
         log: Called with every row of a solve's history as it comes, and with a sentence where the
             equilibrium may have snapped, is near a limit point, blown up or folded; on every rank.
-        further: `chambers`: pressure chambers. `weight`: the skin's own weight. `contact`: what it
-            touches. `design`: what is designed, if not densities. `quadratic`: triangles with a
-            quadratic displacement. None, or none given, leaves each out (`make_model.Further`).
+        chambers: Pressure chambers; None for one.
+        weight: The skin's own weight; None for none.
+        contact: What it touches: itself, the ground, bodies; None for nothing.
+        design: Makes of skin and composite what is designed; None for densities. A
+            `functools.partial` of `LineDesign` makes line families.
+        quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
+            is in printed lines; None for none.
 
     Raises:
         ParameterError: An argument is of another type, or does not fit the skin.
@@ -67,15 +66,27 @@ class EquilibriumSolver(TangentSolver):
         supports: Supports,
         options: NewtonOptions | None = None,
         log: Callable[[NewtonStep | str], None] | None = None,
-        **further: Unpack[Further],
+        *,
+        chambers: Chambers | None = None,
+        weight: Weight | None = None,
+        contact: Contact | None = None,
+        design: Callable[[Skin, Composite], Densities] | None = None,
+        quadratic: Bools | None = None,
     ) -> None:
+        further: dict[str, Any] = {
+            "chambers": chambers,
+            "weight": weight,
+            "contact": contact,
+            "design": design,
+            "quadratic": quadratic,
+        }
         model = make_model(skin, composite, supports, **further)
         if log is not None:
             require_callable("log", log, "a function of a Newton step, or None")
         _warn_of_odd_sheets(skin, composite)
         self.options = on_first_rank(skin.comm, lambda: _settings(options))
         super().__init__(model, self.options, log)
-        self.log, self.contact, self._further = log, further.get("contact"), further
+        self.log, self.contact, self._further = log, contact, further
         self._prescribed = PrescribedDisplacement(model)
 
     def solve(
@@ -143,7 +154,9 @@ class EquilibriumSolver(TangentSolver):
         search = Search(
             self._newton,
             self._prescribed,
-            PathPoint(density.copy(), acting, state),
+            density.copy(),
+            acting,
+            state,
             near,
             cold=cold,
             trial=trial,
@@ -179,7 +192,8 @@ class EquilibriumSolver(TangentSolver):
         require_kind("trial", trial, Equilibrium, "an Equilibrium of this solver")
         if trial.complete:
             return trial
-        search = Search(self._newton, self._prescribed, trial.point, trial, direct=True)
+        at = trial.density, trial.load, trial.state
+        search = Search(self._newton, self._prescribed, *at, trial, direct=True)
         found = self._solve(search, trial.begin)
         if not found.converged:
             raise EquilibriumError(found.reason, found)

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import norm, together
+from toros_fem.base.mpi import norm, smallest
 from toros_fem.base.validation import require_kind
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
@@ -50,16 +50,16 @@ class TangentSolver:
         require_kind("at", at, Equilibrium, "an Equilibrium of this solver")
         if at is self._at:
             return
-        refusal = ParameterError(
-            "the state is no stable equilibrium of this solver: finish a trial first, and ask the "
-            "solver that found it."
-        )
-        with together(self.skin.comm):
-            if not at.complete or at.state.shape != (self.model.size_local,):
-                raise refusal
-        self._set(at.density, at.load, at.begin, at.state)
-        if not self._newton.stable(at.state):
-            raise refusal
+        fits = at.complete and at.state.shape == (self.model.size_local,)
+        stable = smallest(self.skin.comm, fits) > 0
+        if stable:
+            self._set(at.density, at.load, at.begin, at.state)
+            stable = self._newton.stable(at.state)
+        if not stable:
+            raise ParameterError(
+                "the state is no stable equilibrium of this solver: finish a trial first, and ask "
+                "the solver that found it."
+            )
         self._at = at
 
     def forget(self) -> None:

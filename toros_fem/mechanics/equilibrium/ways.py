@@ -49,7 +49,8 @@ class Search:
     Attributes:
         newton: Solver from one start.
         prescribed: Motion of fixed components.
-        target: Its design and load, and the state to start from.
+        density, load: Of the equilibrium.
+        start: State to start from.
         near: Equilibrium that it starts from, of a neighbouring design or load; None for none.
         cold: Whether the start is the assembled shape.
         trial: Whether a state near an equilibrium is enough.
@@ -61,7 +62,9 @@ class Search:
 
     newton: Newton
     prescribed: PrescribedDisplacement
-    target: PathPoint
+    density: Floats
+    load: Load
+    start: Floats
     near: Equilibrium | None
     cold: bool = False
     trial: bool = False
@@ -71,15 +74,8 @@ class Search:
     failure: ContinuationResult = field(init=False)
 
     def __post_init__(self) -> None:
-        self.model, self.attempts = (
-            self.newton.model,
-            Attempts(self.newton, near=self.near is not None),
-        )
-        self.density, self.load, self.start = (
-            self.target.density,
-            self.target.load,
-            self.target.state,
-        )
+        self.model = self.newton.model
+        self.attempts = Attempts(self.newton, near=self.near is not None)
 
     @property
     def max_steps(self) -> int:
@@ -249,7 +245,9 @@ def settle(
     if model.contact is not None:
         model.contact.begin_step(begin, search.load)
     end = search_equilibrium(search)
-    origin = None if near is None else near.origin
+    origin = None
+    if near is not None:
+        origin = near.point if near.complete else near.before
     # Between two designs there is no path that a skin takes. Where bodies or supports push it
     # along, the path has been taken step by step. A path with friction is made of its steps.
     if origin is not None and (
@@ -260,7 +258,7 @@ def settle(
         origin = None
     snapped = critical = None
     if end.load_factor == 1.0 and not search.trial:
-        point = replace(search.target, state=end.state)
+        point = PathPoint(search.density, search.load, end.state)
         if origin is not None:
             snapped = may_snap(model, search.newton.factor, origin, point)
         if origin is not None or not search.direct:

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError, TorosError
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import In, Positive, Table, key
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.measures.metrics import Metric
@@ -100,10 +100,6 @@ class _Equilibrium(_Point):
     steps: int
 
 
-class _StepError(TorosError):
-    """No point was found by one step along the path; the message says why."""
-
-
 def follow_arc(
     solver: EquilibriumSolver,
     density: Floats,
@@ -169,13 +165,13 @@ class _ArcLength:
         self._peak = max(abs(options.first), abs(options.first_increment))
         self.length, self._points, self.ended = 0.0, 1, False
         self._act()
-        try:
-            self.point = self._corrected(_Point(first.state, options.first), None)
-        except _StepError as error:  # raised by all ranks or by none
+        point = self._corrected(_Point(first.state, options.first), None)
+        if isinstance(point, str):
             raise EquilibriumError(
-                f"the path has no first point at load factor {options.first:g}: {error}",
+                f"the path has no first point at load factor {options.first:g}: {point}",
                 replace(first, converged=False),
-            ) from None
+            )
+        self.point = point
         self._scale = norm(self._comm, self.point.response.state)
         if self._scale == 0:
             raise ParameterError(
@@ -220,18 +216,18 @@ class _ArcLength:
         step = self._step
         while True:
             step = min(step, self._longest())
-            try:
-                length, point, direction = self._stepped(step)
+            found = self._stepped(step)
+            if not isinstance(found, str):
                 break
-            except _StepError as error:  # raised by all ranks or by none
-                step /= 2
-                if step < LEAST_STEP * self._first_step:
-                    raise EquilibriumError(
-                        f"the path ends at load factor {self.point.factor:.6g}, after "
-                        f"{self._points} points: {error} Mesh the skin finer where it folds, or "
-                        "begin with a smaller first_increment.",
-                        replace(self.result(), converged=False),
-                    ) from None
+            step /= 2
+            if step < LEAST_STEP * self._first_step:
+                raise EquilibriumError(
+                    f"the path ends at load factor {self.point.factor:.6g}, after "
+                    f"{self._points} points: {found} Mesh the skin finer where it folds, or "
+                    "begin with a smaller first_increment.",
+                    replace(self.result(), converged=False),
+                )
+        length, point, direction = found
         growth = (USUAL_STEPS / max(point.steps, 1)) ** 0.5
         self._step = length * min(max(growth, 0.5), 2.0)
         self.point, self.direction = point, direction
@@ -254,25 +250,29 @@ class _ArcLength:
         by_load = options.largest_increment / rate if rate > 0 else np.inf
         return min(options.largest_movement * self._size / moved, by_load)
 
-    def _stepped(self, step: float) -> tuple[float, _Equilibrium, _Point]:
-        """Return length, point and tangent after one step, or raise a _StepError."""
+    def _stepped(self, step: float) -> tuple[float, _Equilibrium, _Point] | str:
+        """Return length, point and tangent after one step, or why there is none, on all ranks."""
         here, along = self.point, self.direction
         step *= self._allowed(here.state, step * along.state)
         predicted = here.plus(along, step)
         point = self._corrected(predicted, along)
+        if isinstance(point, str):
+            return point
         off = point.minus(predicted)
         if self._product(off, off) ** 0.5 > FAR * step:
-            raise _StepError("Newton's method went far from the path.")
+            return "Newton's method went far from the path."
         end = self._options.end_between(here.factor, point.factor)
         if end is not None:
             share = (end - here.factor) / (point.factor - here.factor)
             between = here.plus(point.minus(here), share)
             point, step = self._corrected(_Point(between.state, end), None), share * step
+            if isinstance(point, str):
+                return point
             self.ended = True
         direction = self._tangent_at(point, along)
         if self._product(direction, along) < TURN:
             self.ended = False
-            raise _StepError("the path turns sharply.")
+            return "the path turns sharply."
         return step, point, direction
 
     def _tangent_at(self, point: _Equilibrium, before: _Point) -> _Point:
@@ -281,11 +281,11 @@ class _ArcLength:
         size = float(np.copysign(self._product(unit, unit) ** 0.5, self._product(unit, before)))
         return _Point(np.asarray(unit.state / size), 1.0 / size)
 
-    def _corrected(self, predicted: _Point, across: _Point | None) -> _Equilibrium:
+    def _corrected(self, predicted: _Point, across: _Point | None) -> _Equilibrium | str:
         """Return the equilibrium in the plane through a prediction, across a direction.
 
-        Without a direction the load factor is kept. A _StepError is raised where Newton's method
-        does not converge.
+        Without a direction the load factor is kept. Where Newton's method does not converge it is
+        said why.
         """
         model, comm = self._model, self._comm
         at, before, moved = predicted, np.inf, np.inf
@@ -297,6 +297,8 @@ class _ArcLength:
             size = norm(comm, residual)
             share = size / max(self._peak * norm(comm, force), np.finfo(float).tiny)
             negative = self._factorise(at.state)
+            if negative is None:
+                return "the tangent is singular, as of a flat membrane without load."
             response = _Point(self._factors.solve(force) * model.free, 1.0)
             stuck = size > STUCK * before
             negligible = share <= STAGNATED or (share <= UNRESOLVED and moved <= RESOLVED)
@@ -311,7 +313,7 @@ class _ArcLength:
             at = at.plus(change, self._allowed(at.state, change.state))
             before = size
             moved = largest(comm, float(np.abs(change.state).max(initial=0.0))) / self._size
-        raise _StepError(f"Newton's method took {MAX_STEPS} steps without converging.")
+        return f"Newton's method took {MAX_STEPS} steps without converging."
 
     def _allowed(self, state: Floats, change: Floats) -> float:
         return self._model.largest_step(state, change, self._solver.options.fraction_to_barrier)
@@ -321,17 +323,17 @@ class _ArcLength:
         pattern = self._tangent.indptr, self._tangent.columns
         self._factors = MumpsFactor(self._comm, *pattern)
 
-    def _factorise(self, state: Floats) -> int:
-        """Factorise the tangent at a state; return the number of its negative eigenvalues."""
+    def _factorise(self, state: Floats) -> int | None:
+        """Factorise the tangent at a state; return the number of its negative eigenvalues.
+
+        None is returned where it is singular.
+        """
         if self._tangent.grow(state):
             self._make_factors()
         self._tangent.assemble(state, self._entries)
         self._factorisations += 1
         self._factors.factorise(self._entries)
-        negative = self._factors.negative_pivots
-        if negative is None:
-            raise _StepError("the tangent is singular, as of a flat membrane without load.")
-        return negative
+        return self._factors.negative_pivots
 
     def _product(self, one: _Point, other: _Point) -> float:
         by_state = dot(self._comm, one.state, other.state) / self._scale**2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeVar
@@ -11,7 +11,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import require_kind, shown
+from toros_fem.base.validation import require_kind
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -88,20 +88,17 @@ class LimitPoint:
     fraction: float
 
 
-def limit_points(points: Sequence[TracePoint]) -> list[LimitPoint]:
+def limit_points(points: Iterable[TracePoint]) -> list[LimitPoint]:
     """Return the limit points of a path by arc length.
 
     Between two points the load factor is the cubic with its values and rates at both. The error
     falls with the fourth power of their distance.
     """
-    if not isinstance(points, list | tuple):
-        raise ParameterError(
-            f"points = {shown(points)} must be a list of TracePoints: list(trace(…))."
-        )
-    for point in points:
+    path = list(points)
+    for point in path:
         require_kind("points", point, TracePoint, "TracePoints, by trace(…)")
     found = []
-    for k, (one, two) in enumerate(pairwise(points)):
+    for k, (one, two) in enumerate(pairwise(path)):
         rates = one.load_rate, two.load_rate
         if one.arc_length is None or two.arc_length is None or None in rates:
             raise ParameterError('limit points are known on a path by="arc-length" only.')
