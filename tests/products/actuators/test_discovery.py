@@ -13,10 +13,12 @@ from helpers.designs import DESIGN_ALONE
 from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import changed
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.products.actuators import discovery, space_mapping
 from toros_fem.products.actuators.discovery import (
     Discovery,
@@ -238,6 +240,20 @@ def test_targets_that_cannot_be_asked_for_end_after_a_round(
     few = {"relaxed_iterations": 1, "directions": 4, "corrections": 3, "angle": 60.0}
     scene = Untold().updated(**few, **SHORT)
     assert len(discover(Job(alone, scene)).rounds) == 1
+
+
+@pytest.mark.parametrize(
+    ("share", "kept"), [(0.24, True), (0.17, True), (0.26, False), (0.1, False)]
+)
+def test_lines_keep_their_number_while_widths_take_up_the_shares(share: float, kept: bool) -> None:
+    """Widths grow or fall by the root of 1.5; caps do not count."""
+    sheet = rectangle(MPI.COMM_SELF, 0.02, 0.01, 5e-3)
+    families = [SimpleNamespace(share=0.2), SimpleNamespace(share=0.1)]
+    like: Any = SimpleNamespace(families=families, options=LineOptions(spread=1.5))
+    printed = np.arange(len(sheet.panel)) < 3
+    shares = np.where(printed[:, None], 0.9, [share, 0.1])
+    field = LineField(sheet, shares, np.zeros_like(shares))
+    assert discovery._widths_suffice(like, field, printed) is kept
 
 
 def test_without_any_print_in_equilibrium_the_reason_is_told(

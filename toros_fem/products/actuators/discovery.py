@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped, on_first_rank
+from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.laid_lines import LaidLines, changed
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.loop.carried import CarriedDesign
@@ -309,6 +310,8 @@ class _Search:
             )
         printed = None if case.passive is None else case.passive > 0.5
         planes, options = tuple(case.symmetry), scene.line_options
+        if like is not None and not _widths_suffice(like, relaxed.field, printed):
+            like = None
         with self._timed("lines"):
             laid = on_first_rank(
                 job.comm,
@@ -462,6 +465,15 @@ def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
 def _like_last(rounds: Sequence[Round]) -> list[Round]:
     """Return the rounds that can be compared with the last one: with a finer mesh, or without."""
     return [one for one in rounds if one.compared == rounds[-1].compared]
+
+
+def _widths_suffice(like: LaidLines, field: LineField, printed: Bools | None) -> bool:
+    """Return whether lines may keep their number and take up the shares of a field by widths."""
+    areas = field.pattern.areas if printed is None else field.pattern.areas * ~printed
+    now = areas @ field.shares / areas.sum()
+    before = np.array([family.share for family in like.families])
+    room = np.sqrt(like.options.spread)
+    return bool(((now <= room * before) & (before <= room * now)).all())
 
 
 def _near(one: Round) -> bool:
