@@ -171,7 +171,8 @@ def failure(
             "solver a Contact. A skin sewn from flat layers needs hinged seams."
         )
     steps_failed = end.outcome != int(PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN)
-    if steps_failed and model.composite.bending is None and not load.pressures.any():
+    flat = model.images is not None  # a tile that is kept in its plane
+    if steps_failed and model.composite.bending is None and not flat and not load.pressures.any():
         begin += (
             " A sheet without bending gives way to any compression. Give it bending, or, if it is "
             "closed, a pressure that tightens it."
