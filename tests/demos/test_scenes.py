@@ -15,8 +15,8 @@ CONFIGS = {
     for name, kind in KINDS.items()
     if name != "own-mesh"
 }
-# It is no scene: it compares six designs.
-OTHERS = {"three_field"}
+# They are no scenes: one compares six designs, the other pulls a sheet of tiles.
+OTHERS = {"three_field", "tile_sheet"}
 
 
 def test_every_demo_is_a_scene() -> None:

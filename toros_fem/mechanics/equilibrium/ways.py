@@ -169,6 +169,13 @@ def at_once(search: Search) -> ContinuationResult | None:
     return reached(search.first)
 
 
+def from_assembled(search: Search) -> ContinuationResult | None:
+    """Apply the whole load to the assembled shape, where the start was another one."""
+    if search.cold:
+        return None
+    return reached(search.attempt(search.model.assembled, search.load))
+
+
 def from_rest(search: Search) -> ContinuationResult | None:
     """Let the skin come to rest with bodies where they were made, and carry them from there."""
     load = search.load
@@ -218,7 +225,15 @@ def patiently(search: Search) -> ContinuationResult | None:
 
 
 # Without any one of these some case fails (docs/solver.md).
-WAYS: tuple[Way, ...] = (opened, at_once, from_rest, by_load, by_supports, patiently)
+WAYS: tuple[Way, ...] = (
+    opened,
+    at_once,
+    from_assembled,
+    from_rest,
+    by_load,
+    by_supports,
+    patiently,
+)
 
 
 def search_equilibrium(search: Search) -> ContinuationResult:
