@@ -25,7 +25,7 @@ from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.making.print.print_file import read_print_polygons
-from toros_fem.measures.figures import NONE, Figure, State, formatted, split_key
+from toros_fem.measures.figures import NONE, Figure, State, formatted, overall, split_key
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.other_mesh import Again, simulated_on
 from toros_fem.results.console import duration
@@ -141,7 +141,10 @@ def rows_of(demo: Demo, size: str) -> Iterator[Row]:
         value = reduce(lambda of, name: (of or {}).get(name), key.split("."), entries)
         if value is not None:
             unit = (split_key(key) or ("", ""))[1]
-            yield Row(*place, key, float(value), unit, None, seconds)
+            # The largest deviation of a tile has the state of all its directions.
+            told = [one for one in found.figures.values() if one.state is not None]
+            note = str(overall(told)) if key == WORST and told else ""
+            yield Row(*place, key, float(value), unit, None, seconds, note=note)
 
 
 def checked_rows(demo: Demo, edge: float) -> Iterator[Row]:
