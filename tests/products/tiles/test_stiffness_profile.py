@@ -219,13 +219,8 @@ def test_start_of_a_profile() -> None:
     assert again.stiffness == pytest.approx(again.stress / 0.1, rel=1e-15)
 
 
-def test_bad_start_on_one_rank(comm: MPI.Comm) -> None:
-    """All ranks raise the error of one."""
-    if comm.size > 1:
-        with pytest.raises(
-            ParameterError, match=r"over 2 ranks and its directions over 2: spread only"
-        ):
-            ProfileSolver(solver_of(tile_of(3)), ANGLES, 0.1, batch=comm)
+def test_a_density_above_1() -> None:
+    """All ranks raise the error."""
     solver = profile_solver(True, np.zeros(1))
     density = random_density(solver.tile.skin, 0)
     with pytest.raises(ParameterError, match="must lie in"):
