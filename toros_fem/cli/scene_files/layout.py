@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from toros_fem.base.keys import NONE, Key
+from toros_fem.base.keys import NONE, File, Key
 from toros_fem.base.scene import Scene
 from toros_fem.base.units import DIMENSIONS
 from toros_fem.cli.scene_files.materials import names_of
@@ -42,7 +42,9 @@ def keys_of(kind: type[Scene]) -> dict[str, Mapping[str, Key]]:
         tables[MATERIAL] = {**names, **tables[MATERIAL]}
         files[LIBRARY] = "a file of materials"
     every = {name: one for keys in tables.values() for name, one in keys.items()}
-    paths = {name: Key(name, Path, text, optional=True) for name, text in files.items()}
+    paths = {
+        name: Key(name, File | None, Path, text, optional=True) for name, text in files.items()
+    }
     return {**tables, FILES: paths, QUICK: every}
 
 
