@@ -14,11 +14,20 @@ import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, dataclass_transform, get_args, get_origin
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    NotRequired,
+    Self,
+    dataclass_transform,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
 import pydantic.dataclasses
-from pydantic import BeforeValidator, ConfigDict, Strict, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, ConfigDict, Field, Strict, TypeAdapter, ValidationError
 from pydantic_core import CoreSchema, ErrorDetails, core_schema
 
 from toros_fem.base.errors import ParameterError
@@ -257,7 +266,7 @@ class Key:
     @property
     def file_hint(self) -> Any:
         """Its type in files and on command lines, where a word stands for None."""
-        return Annotated[self.hint, BeforeValidator(_none_of)] if self.optional else self.hint
+        return Annotated[self.hint, _OrNone()] if self.optional else self.hint
 
     def read(self, value: Any) -> Any:
         """Return a value from what a file or command line holds: 0.3, "5 kPa", "none"."""
@@ -334,7 +343,7 @@ class Table:
             try:
                 made(self, *args, **values)
             except ValidationError as caught:
-                raise refused(self.own_keys(), caught) from None
+                raise refused(self._own_keys(), caught) from None
 
         cls.__init__ = checked  # type: ignore[assignment, method-assign]
 
@@ -344,7 +353,7 @@ class Table:
         return _keys(cls)  # type: ignore[arg-type]
 
     @classmethod
-    def own_keys(cls) -> Mapping[str, Key]:
+    def _own_keys(cls) -> Mapping[str, Key]:
         """Return what is known of each of its fields, by name."""
         return cls.described()
 
@@ -371,6 +380,25 @@ class Table:
         return cls(**values)
 
 
+def given_of(name: str, about: str, keys: Mapping[str, Key]) -> Any:
+    """Return the type of the keys that a table of a file gives, none of which it must."""
+    return typed(
+        name,
+        about,
+        {
+            n: NotRequired[Annotated[k.file_hint, Field(description=k.help)]]
+            for n, k in keys.items()
+        },
+    )
+
+
+def typed(name: str, about: str, content: Mapping[str, Any]) -> Any:
+    """Return a TypedDict, which knows no other keys than its own."""
+    made: Any = typing.TypedDict(name, dict(content), total=False)  # type: ignore[operator]
+    made.__doc__, made.__pydantic_config__ = about, CONFIG
+    return made
+
+
 def refused(
     keys: Mapping[str, Key], caught: ValidationError, at: tuple[str, ...] = ()
 ) -> ParameterError:
@@ -387,9 +415,12 @@ def refusal_of(
 ) -> ParameterError:
     """Return the error of a place: a key, and what leads into its value."""
     cause = error.get("ctx", {}).get("error")
-    if not place or error["type"] == "unexpected_positional_argument":
+    if not place:
         return cause if isinstance(cause, ParameterError) else ParameterError(error["msg"])
-    name = str(place[0])
+    if error["type"] == "unexpected_positional_argument":
+        return ParameterError(f"{len(keys)} values at most are known here: {', '.join(keys)}.")
+    # A value without its name has its number.
+    name = list(keys)[place[0]] if isinstance(place[0], int) else place[0]
     if name not in keys:
         return ParameterError(f"unknown parameter {name!r}; {nearest(name, keys)}", name)
     one, rest = keys[name], [part for part in place[1:] if isinstance(part, str)]
@@ -408,8 +439,18 @@ def _reader(hint: Any) -> TypeAdapter[Any]:
     return TypeAdapter(hint)
 
 
-def _none_of(value: Any) -> Any:
-    return None if isinstance(value, str) and value.lower() == NONE else value
+class _OrNone:
+    """Marks a type in files, which have a word for None."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        def read(value: Any) -> Any:
+            return None if isinstance(value, str) and value.lower() == NONE else value
+
+        return core_schema.no_info_before_validator_function(read, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        ways = handler(schema)["anyOf"]
+        return {"anyOf": [{"const": NONE} if one == {"type": "null"} else one for one in ways]}
 
 
 def meant(word: Any, known: Iterable[str]) -> str | None:

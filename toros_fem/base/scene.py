@@ -127,7 +127,7 @@ class Scene(Table):
         return cls._layout().several
 
     @classmethod
-    def own_keys(cls) -> dict[str, Key]:
+    def _own_keys(cls) -> dict[str, Key]:
         """Return its tables, as keys."""
         hints = typing.get_type_hints(cls)
         once = {n: Key(n, hints[n], of, of.holds()) for n, of in cls.tables().items()}

@@ -130,6 +130,24 @@ def test_wrong_files(tmp_path: Path, text: str, message: str) -> None:
     assert len(str(caught.value)) < 1500
 
 
+def test_all_errors_are_told_with_their_lines(tmp_path: Path) -> None:
+    text = BEND + '[skin]\nlength = "5 kPa"\nlenght = 1\ncaps = 3\n[design]\nseed = 0.5\n[no]\n'
+    with pytest.raises(FileError) as caught:
+        scene(tmp_path, text)
+    lines = str(caught.value).replace(f"{tmp_path / 'my.toml'}, line ", "").split("\n")
+    begins = [
+        "3: skin.length: length = '5 kPa'",
+        "4: skin.lenght: unknown key 'lenght'; did",
+        "5: skin.caps: ",
+        "7: design.seed: seed = 0.5 must",
+        "8: no: unknown table 'no'",
+    ]
+    assert len(lines) == len(begins)
+    for line, begin in zip(lines, begins, strict=True):
+        assert line.startswith(begin), line
+    assert (caught.value.line, caught.value.key) == (3, "skin.length")
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
