@@ -394,7 +394,8 @@ def given_of(name: str, about: str, keys: Mapping[str, Key]) -> Any:
 
 def typed(name: str, about: str, content: Mapping[str, Any]) -> Any:
     """Return a TypedDict, which knows no other keys than its own."""
-    made: Any = typing.TypedDict(name, dict(content), total=False)  # type: ignore[operator]
+    make: Any = typing.TypedDict
+    made = make(name, dict(content), total=False)
     made.__doc__, made.__pydantic_config__ = about, CONFIG
     return made
 

@@ -51,14 +51,9 @@ def file_type(kind: type[Scene]) -> TypeAdapter[dict[str, Any]]:
     content: dict[str, Any] = {"kind": Required[Literal[kind.KIND]]}
     for name, keys in keys_of(kind).items():
         of = entries.get(name)
-        table = given_of(name, holds[name] if of is None else of.holds(), keys)
-        content[name] = (
-            table
-            if of is None
-            else Annotated[
-                list[table], BeforeValidator(_listed, json_schema_input_type=table | list[table])
-            ]
-        )
+        content[name] = given_of(name, holds[name] if of is None else of.holds(), keys)
+        if of is not None:
+            content[name] = several(content[name])
     return TypeAdapter(typed(kind.KIND, ABOUT[kind.KIND], content))
 
 
@@ -72,5 +67,11 @@ def scene_schema(kind: type[Scene]) -> dict[str, Any]:
     return {"$schema": DIALECT, **file_type(kind).json_schema()}
 
 
-def _listed(content: Any) -> Any:
-    return [content] if isinstance(content, dict) else content
+def several(table: Any) -> Any:
+    """Return the type of a table that may stand once, or several times."""
+    listed: Any = list[table]
+
+    def read(content: Any) -> Any:
+        return [content] if isinstance(content, dict) else content
+
+    return Annotated[listed, BeforeValidator(read, json_schema_input_type=table | listed)]
