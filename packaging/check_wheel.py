@@ -93,7 +93,7 @@ def check(wheel: Path, work: Path) -> str:
     if str(venv) not in said:
         sys.exit(f"the package that was used is not the installed one: {said}")
     usage = run(venv / "bin" / "toros", "--help", cwd=work)
-    if "usage: toros" not in usage:
+    if "Usage: toros" not in usage:
         sys.exit(f"the command toros does not say how it is used:\n{usage}")
     return said
 

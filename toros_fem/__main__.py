@@ -8,19 +8,32 @@ import sys
 from toros_fem.cli.command_line.places import use_writable_places
 from toros_fem.cli.needs import tell_missing
 
+# Variables of processes that an MPI, or a batch system, starts together.
+OF_RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_RANK", "PMIX_RANK", "SLURM_PROCID", "MPI_LOCALNRANKS")
+
 
 def main() -> int:
     """Run the command that the command line names, on all ranks; return the exit code."""
-    use_writable_places()
-    # PETSc would end all ranks where a pipe breaks, a signal that Python ignores.
-    os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler"
+    words = sys.argv[1:]
     try:
+        from toros_fem.cli.commands.main import parsed, run
+
+        if words in (["--help"], ["-h"], ["--version"]) and not _among_ranks():
+            parsed(words, first=True)  # which loads neither NumPy nor MPI
+            return 0
+        use_writable_places()
+        # PETSc would end all ranks where a pipe breaks, a signal that Python ignores.
+        os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler"
         from mpi4py import MPI
 
-        from toros_fem.cli.commands.main import run
+        import toros_fem.cli.command_line.command  # noqa: F401  # what all commands need
     except (ImportError, RuntimeError) as error:  # mpi4py without an MPI raises the second
-        return tell_missing(sys.argv[1:], error)
-    return run(MPI.COMM_WORLD, sys.argv[1:])
+        return tell_missing(words, error)
+    return run(MPI.COMM_WORLD, words)
+
+
+def _among_ranks() -> bool:
+    return any(name in os.environ for name in OF_RANKS)
 
 
 if __name__ == "__main__":

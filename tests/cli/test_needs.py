@@ -48,6 +48,7 @@ def test_nothing_is_missing_here() -> None:
         (("numpy",), "numpy", "pip install numpy"),
         (("gmsh",), "gmsh", "pip install '.[fenicsx]'"),
         (("shapely",), "shapely", "pip install shapely"),
+        (("cyclopts",), "cyclopts", "pip install cyclopts"),
     ],
 )
 def test_doctor_names_what_is_missing(without: tuple[str, ...], named: str, remedy: str) -> None:

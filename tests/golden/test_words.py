@@ -2,39 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from typing import Any
-
-import pytest
-from mpi4py import MPI
+from types import NoneType
+from typing import Any, get_args, get_origin
 
 from toros_fem.base.scene import Scene
-from toros_fem.cli.command_line.command import option_help
 from toros_fem.cli.command_line.exit_codes import MEANING
-from toros_fem.cli.commands.main import COMMANDS, run
+from toros_fem.cli.commands.main import COMMANDS, application, command_of, overview
 from toros_fem.cli.scene_files.layout import LIBRARY, MATERIAL
 from toros_fem.cli.scene_files.materials import names_of
 from toros_fem.products.kinds import ABOUT, KINDS
-
-
-@pytest.fixture
-def parser_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., argparse.ArgumentParser]:
-    """Return the parser that a program reads its words with; it is stopped there."""
-    found: list[argparse.ArgumentParser] = []
-
-    def stop(parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
-        found.append(parser)
-        raise SystemExit
-
-    def parser(program: Callable[..., object], *arguments: Any, **named: Any) -> Any:
-        with suppress(SystemExit):
-            program(*arguments, **named)
-        return found[-1]
-
-    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stop)
-    return parser
 
 
 def plain(text: str | None) -> str:
@@ -42,56 +19,40 @@ def plain(text: str | None) -> str:
     return " ".join((text or "").split())
 
 
-def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
-    """Yield each option and argument of a parser by the word for it."""
-    for action in parser._actions:
-        if not isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
-            yield ", ".join(action.option_strings) or str(action.metavar or action.dest), action
+def options(name: str) -> Iterator[tuple[str, Any]]:
+    """Yield each option and argument of a command by the word for it, as cyclopts sees it."""
+    for one in application(name)[name].assemble_argument_collection():
+        alone = one.field_info.kind is one.field_info.POSITIONAL_ONLY
+        yield one.field_info.name.upper() if alone else one.name, one
 
 
-def taken(action: argparse.Action) -> str:
-    """Return what an option takes, as far as its parser knows."""
-    parts = ["no value" if action.nargs == 0 else f"takes {action.metavar or action.dest}"]
-    if action.choices is not None:
-        parts.append("one of " + ", ".join(map(str, action.choices)))
-    if action.required:
+def taken(one: Any) -> str:
+    """Return what an option takes."""
+    kind = next(of for of in (get_args(one.hint) or (one.hint,)) if of is not NoneType)
+    kind = one.hint if get_origin(one.hint) is tuple else kind
+    parts = ["no value" if kind is bool else f"takes {one.parameter.metavar or one.name.upper()}"]
+    if one.parameter.choices:
+        parts.append("one of " + ", ".join(one.parameter.choices))
+    if one.required:
         parts.append("required")
-    if action.default not in (None, argparse.SUPPRESS):
-        parts.append(f"default {action.default}")
-    if isinstance(action, argparse._AppendAction):
+    if get_origin(kind) is tuple:
         parts.append("may be repeated")
     return "; ".join(parts)
 
 
-def helps(name: str, parser: argparse.ArgumentParser) -> dict[str, str]:
-    """Return the help of each option of a program, by program and option."""
-    return {f"{name} {word}": plain(action.help) % vars(action) for word, action in options(parser)}
-
-
-def commands(parser_of: Callable[..., Any]) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """Yield the parser of each command."""
-    toros = parser_of(run, MPI.COMM_SELF, [])
-    (found,) = (a for a in toros._actions if isinstance(a, argparse._SubParsersAction))
-    yield from found.choices.items()
-
-
-def test_commands(parser_of: Callable[..., Any], pinned: Callable[..., None]) -> None:
+def test_commands(pinned: Callable[..., None]) -> None:
     """Each command with its options; the exit codes with their meaning."""
-    toros = parser_of(run, MPI.COMM_SELF, [])
-    found = {f"toros {word}": taken(action) for word, action in options(toros)}
-    for name, parser in commands(parser_of):
-        found |= {f"toros {name} {word}": taken(action) for word, action in options(parser)}
+    found = {f"toros {name} {word}": taken(one) for name in COMMANDS for word, one in options(name)}
     pinned("commands", {**found, **{f"exit code {code}": text for code, text in MEANING.items()}})
 
 
-def test_help_texts(parser_of: Callable[..., Any], pinned: Callable[..., None]) -> None:
+def test_help_texts(pinned: Callable[..., None]) -> None:
     """What `--help` says about each command, and about each of its options."""
-    toros = parser_of(run, MPI.COMM_SELF, [])
-    found: dict[str, Any] = {"toros": plain(toros.description), **helps("toros", toros)}
-    for name, parser in commands(parser_of):
-        found[f"toros {name}"] = plain(parser.description)
-        found[f"toros {name}: examples"] = list(COMMANDS[name].EXAMPLES)
-        found |= helps(f"toros {name}", parser)
+    found: dict[str, Any] = {"toros": plain(overview())}
+    for name in COMMANDS:
+        found[f"toros {name}"] = plain(command_of(name).__doc__)
+        found[f"toros {name}: examples"] = list(command_of(name).EXAMPLES)
+        found |= {f"toros {name} {word}": plain(one.parameter.help) for word, one in options(name)}
     pinned("help_texts", found)
 
 
@@ -124,7 +85,9 @@ def said(config: Any, name: str) -> str:
     """Return type, meaning, unit, bounds and default of a key."""
     one = config.described()[name]
     default = config.value(name) if isinstance(config, Scene) else one.default
-    return f"{one.kind.__name__}: {option_help(one, default).replace('%%', '%')}"
+    shown = {True: "yes", False: "no"}.get(default) if one.kind is bool else None
+    told = shown or one.written(default).strip('"')
+    return f"{one.kind.__name__}: {one.help}; default {told}"
 
 
 def test_scene_keys(pinned: Callable[..., None]) -> None:

@@ -24,7 +24,7 @@ LIBRARIES = (
     "It is installed, but needs libraries of the system: on Debian and Ubuntu "
     "apt-get install libgl1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1."
 )
-PLAIN = ("numpy", "scipy", "meshio", "h5py", "shapely", "tqdm")
+PLAIN = ("numpy", "scipy", "meshio", "h5py", "shapely", "tqdm", "pydantic", "cyclopts")
 OLDEST, NEWEST = (0, 9), (0, 11)
 
 

@@ -71,7 +71,7 @@ def test_a_doubtful_entry_says_so(
         (("--thickness", "3 mm", "--unit", "force"), "must be COLUMN=UNIT"),
         (("--thickness", "3 mm", "--unit", "force=lb"), "known are N"),
         (("--thickness", "3 mm", "--column", "time=t"), "must be COLUMN=NAME"),
-        (("--thickness", "3 mm", "--loss", "none"), "must be one of"),
+        (("--thickness", "3 mm", "--loss", "none"), "Choose from"),
         ((), "line 3: the thickness is not known"),
     ],
 )

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from toros_fem.base import compiled_forms
 from toros_fem.base.errors import NoEquilibriumError, OutputError, ParameterError
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.exit_codes import MEANING
-from toros_fem.cli.commands.main import COMMANDS, run
+from toros_fem.cli.commands.main import COMMANDS, application, command_of, run
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -31,16 +32,16 @@ ALONE = MPI.COMM_SELF
 
 def replaced(monkeypatch: pytest.MonkeyPatch, action: Callable[[], Answer]) -> None:
     """Let a command do something else."""
-    monkeypatch.setattr(COMMANDS["doctor"], "__call__", lambda self, comm: action())
+    monkeypatch.setattr(command_of("doctor"), "__call__", lambda self, comm: action())
 
 
 def test_help_lists_commands_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(ALONE, ["--help"]) == 0
     text = capsys.readouterr().out
-    for name, command in COMMANDS.items():
-        assert f"\n    {name}" in text
-        assert command.holds()[1:] in " ".join(text.split())
-        assert all(f"toros {name}" in line for line in command.EXAMPLES)
+    for name, about in COMMANDS.items():
+        assert re.search(rf"^  {name} +{re.escape(about)}$", text, re.MULTILINE)
+        assert command_of(name).holds() == about
+        assert all(f"toros {name}" in line for line in command_of(name).EXAMPLES)
     for code, meaning in MEANING.items():
         assert f"{code:3d}  {meaning}" in text
 
@@ -108,14 +109,14 @@ def test_options_have_units(
         others = ManufactureOptions(copies=3, cross_size=5e-3)
         return Answer("", {**self.as_dict(), "asked": self.updating(others)})
 
-    monkeypatch.setattr(COMMANDS["export"], "__call__", told)
+    monkeypatch.setattr(command_of("export"), "__call__", told)
     words = ["export", "a/run", "--bed-width", "20 cm", "--grain", "none", "--copies=1", "--json"]
     assert run(ALONE, words) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["run"], found["output"], found["bed_width"]) == ("a/run", None, 0.2)
     asked = ManufactureOptions(bed_width=0.2, grain=None, cross_size=5e-3)
     assert found["asked"] == str(asked), "one copy is the default, and was given"
-    monkeypatch.setattr(COMMANDS["fit"], "__call__", told)
+    monkeypatch.setattr(command_of("fit"), "__call__", told)
     assert run(ALONE, ["fit", "a.csv", "b.csv", "--unit", "force=N", "--unit=x=m", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["data"], found["unit"]) == (["a.csv", "b.csv"], ["force=N", "x=m"])
@@ -169,7 +170,7 @@ def test_a_process_of_its_own() -> None:
 
 def test_what_solves_is_not_loaded_for_a_text() -> None:
     """For the help of any command, in one process that asks for all of them."""
-    texts = [*([name, "--help"] for name in COMMANDS), ["--help"], ["--version"], ["materials"]]
+    texts = [*([name, "--help"] for name in COMMANDS), ["--version"], ["materials"]]
     heavy = {"dolfinx", "petsc4py", "scipy", "shapely", "toros_fem.public"}
     code = f"""
 import sys
@@ -180,6 +181,21 @@ for words in {texts}:
     print(words, {heavy} & {{*sys.modules}}, file=sys.stderr)"""
     done = started("-c", code)
     assert done.stderr.splitlines() == [f"{words} set()" for words in texts]
+
+
+@pytest.mark.parametrize("word", ["--help", "-h", "--version"])
+def test_the_first_help_loads_neither_numpy_nor_mpi(word: str) -> None:
+    done = started("-X", "importtime", "-m", "toros_fem", word)
+    loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "toros_fem.cli.commands.main" in loaded
+    assert not loaded & {"numpy", "mpi4py", "mpi4py.MPI", "pydantic", "cyclopts", "rich"}
+    assert ("new " if word != "--version" else "toros_fem 0") in done.stdout
+
+
+def test_shells_complete_options_and_choices() -> None:
+    script = application("").generate_completion(shell="bash")
+    for word in ("export", "--bed-width", "first-loading", "--set"):
+        assert word in script
 
 
 @pytest.mark.parametrize("words", ["materials", "materials --json"])

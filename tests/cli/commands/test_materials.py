@@ -44,7 +44,7 @@ def test_one_material(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["dragon-skin-2"], "FileError: 'dragon-skin-2' is no material .* did you mean"),
         (["tpu-85a", "--kind", "fabric"], "'tpu-85a' is a print, and a fabric is asked for"),
-        (["--kind", "fabrics"], "kind = 'fabrics' must be one of .*; did you mean 'fabric'?"),
+        (["--kind", "fabrics"], '"fabrics" for --kind. Choose from: .* Did you mean "fabric"'),
         (["--file", "nowhere.toml"], "there is no nowhere.toml"),
     ],
 )

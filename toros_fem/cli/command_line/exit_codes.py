@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 import traceback
-
-from mpi4py import MPI
+from typing import TYPE_CHECKING
 
 from toros_fem.base.errors import (
     NoEquilibriumError,
@@ -14,6 +13,14 @@ from toros_fem.base.errors import (
     TorosError,
 )
 from toros_fem.cli import needs
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+class UsageError(TorosError, ValueError):
+    """The command line is not understood; the message names the word and the nearest known one."""
+
 
 DONE = 0
 INTERNAL = 1

@@ -17,7 +17,7 @@ from toros_fem.base.files import if_plotting
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.program import program
 from toros_fem.cli.command_line.command import Answer
-from toros_fem.cli.command_line.parser import UsageError
+from toros_fem.cli.command_line.exit_codes import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.measures.figures import State

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import Count, File, Flag, Text, key
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.parser import UsageError
+from toros_fem.cli.command_line.exit_codes import UsageError
 
 if TYPE_CHECKING:
     from toros_fem.cli.scene_files.reading import SceneFile

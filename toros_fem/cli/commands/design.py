@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import File, Flag, key
 from toros_fem.cli.command_line.command import Answer
-from toros_fem.cli.command_line.parser import UsageError
+from toros_fem.cli.command_line.exit_codes import UsageError
 from toros_fem.cli.command_line.scene_options import RunCommand
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from toros_fem.base.files import require_unused
 from toros_fem.base.keys import File, Flag, Length, OneOf, Table, Text, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.parser import UsageError
+from toros_fem.cli.command_line.exit_codes import UsageError
 from toros_fem.products.options import FitOptions
 
 if TYPE_CHECKING:

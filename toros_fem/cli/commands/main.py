@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
+import inspect
 import io
 import json
 import logging
 import math
 import os
+import re
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
-
-import numpy as np
-from mpi4py import MPI
+from typing import TYPE_CHECKING, Any
 
 from toros_fem.base.errors import OutputError, RunStoppedError, TorosError
-from toros_fem.base.mpi import ending_together
-from toros_fem.base.validation import shown
 from toros_fem.base.versions import __version__
-from toros_fem.cli.command_line.command import Answer, Command, add_options
 from toros_fem.cli.command_line.exit_codes import (
     DONE,
     INTERNAL,
@@ -30,39 +27,146 @@ from toros_fem.cli.command_line.exit_codes import (
     MEANING,
     MISSING,
     NOT_WRITTEN,
+    UsageError,
     exit_code,
     tell_alone,
 )
-from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
-from toros_fem.cli.commands.check import Check
-from toros_fem.cli.commands.design import Design
-from toros_fem.cli.commands.doctor import Doctor
-from toros_fem.cli.commands.export import Export
-from toros_fem.cli.commands.fit import Fit
-from toros_fem.cli.commands.materials import Materials
-from toros_fem.cli.commands.new import New
-from toros_fem.cli.commands.resume import Resume
-from toros_fem.cli.commands.simulate import Simulate
-from toros_fem.cli.commands.study import Study
-from toros_fem.cli.commands.tolerance import Tolerance
-from toros_fem.cli.commands.unwrap import Unwrap
-from toros_fem.cli.commands.view import View
 
-# The commands by their words, in the order of the help.
-COMMANDS: Mapping[str, type[Command]] = MappingProxyType(
+if TYPE_CHECKING:
+    from cyclopts import App
+    from mpi4py import MPI
+
+    from toros_fem.cli.command_line.command import Answer, Command
+
+# The commands by their words, and what each does, in the order of the help.
+COMMANDS: Mapping[str, str] = MappingProxyType(
     {
-        one.__name__.lower(): one
-        for one in (
-            New, Materials, Check, Simulate, Design, Study, Resume, View, Export,
-            Tolerance, Unwrap, Fit, Doctor,
-        )
+        "new": "Writes a commented scene file",
+        "materials": "Lists materials that scenes know by name",
+        "check": "Reads a scene file and says what is wrong, or how large the design will be",
+        "simulate": "Inflates a plain skin or a given pattern",
+        "design": "Designs the pattern of a scene",
+        "study": "Runs a scene with all combinations of some values, and tabulates the results",
+        "resume": "Continues a run that was stopped, or one that should go further",
+        "view": "Writes the report of a run, a page for the browser",
+        "export": "Writes the files for printer and cutter again",
+        "tolerance": "Simulates a print with wrong widths, materials and pressure",
+        "unwrap": "Cuts a surface along seams and lays it flat as a sewing pattern",
+        "fit": "Fits a material to tensile tests",
+        "doctor": "Says what the package runs on, and tries it",
     }
-)  # fmt: skip
+)
 ABOUT = "Designs robotic skins: printed patterns that make an inflated fabric bend, twist or grip."
-OUTPUT = {
-    "--json": "print the result as JSON on stdout, and all else on stderr; default no",
-    "--quiet": "no progress, only warnings; default no",
-}
+
+
+def command_of(word: str) -> type[Command]:
+    """Return the class of a command, which is loaded."""
+    module = importlib.import_module(f"toros_fem.cli.commands.{word}")
+    found: type[Command] = getattr(module, word.capitalize())
+    return found
+
+
+def overview() -> str:
+    """Return the help of `toros`, which is there at once: no command is loaded."""
+    commands = "\n".join(f"  {word:10s} {about}" for word, about in COMMANDS.items())
+    codes = "\n".join(f"  {code:3d}  {text}" for code, text in MEANING.items())
+    return f"""\
+Usage: toros COMMAND [OPTIONS]
+
+{ABOUT}
+
+Commands:
+{commands}
+
+  --help, -h            show this text; after a command, what it does and takes
+  --version             show the version
+  --install-completion  let the shell complete commands and options
+
+Exit codes:
+{codes}
+
+Under MPI: mpirun -n 2 toros COMMAND …"""
+
+
+def application(name: str) -> App:
+    """Return the parser of `toros`: the named command is loaded, the others if cyclopts asks."""
+    from cyclopts import App, Parameter
+
+    app = App(
+        name="toros",
+        help=ABOUT,
+        help_format="plaintext",
+        version=f"toros_fem {__version__}",
+        default_parameter=Parameter(negative=(), show_default=False, show_choices=False),
+    )
+    for word, about in COMMANDS.items():
+        if word != name:
+            app.command(f"{__name__}:{word}", name=word, help=about)
+            continue
+        command = command_of(word)
+        # Lines of a docstring become those of the terminal.
+        text = re.sub(r"(?<=\S)\n(?=\S)", " ", inspect.cleandoc(command.__doc__ or ""))
+        examples = "\n".join(f"  {line}" for line in command.EXAMPLES)
+        app.command(
+            _reader(command), name=word, help=text, help_epilogue=f"Examples:\n\n{examples}"
+        )
+    app.register_install_completion_command()
+    return app
+
+
+def _reader(command: type[Command]) -> Callable[..., Command]:
+    """Return the function that makes a command of words, with the signature that cyclopts needs."""
+
+    def made(*words: Any, json: bool = False, quiet: bool = False, **options: Any) -> Command:
+        return command.of_words(dict(zip(command.WORDS, words, strict=False)) | options)
+
+    made.__signature__ = signature = command.signature()  # type: ignore[attr-defined]
+    made.__annotations__ = {name: one.annotation for name, one in signature.parameters.items()}
+    return made
+
+
+def __getattr__(word: str) -> Any:
+    """Return the function of a command, for cyclopts."""
+    if word in COMMANDS:
+        return _reader(command_of(word))
+    raise AttributeError(f"module {__name__!r} has no attribute {word!r}")
+
+
+def parsed(words: Sequence[str], *, first: bool) -> Command | None:
+    """Return the command that words name; None for --help, --version and completion.
+
+    These are done here, on the first rank. A UsageError tells words that are not understood.
+    """
+    for word in words:
+        if not word.isascii() and word.encode(errors="replace").decode() != word:
+            raise UsageError(f"{word!r} is no UTF-8; give files and folders other names.")
+    if not words:
+        raise UsageError("toros: name a command; toros --help lists all.")
+    if words[0] in ("--help", "-h", "--version"):
+        if first:
+            print(f"toros_fem {__version__}" if words[0] == "--version" else overview())
+        return None
+    name = next((word for word in words if not word.startswith("-")), "")
+    place = f"toros {name}" if name in COMMANDS else "toros"
+    from cyclopts import CycloptsError
+
+    try:
+        act, bound, _ = application(name).parse_args(
+            list(words), exit_on_error=False, print_error=False
+        )
+    except CycloptsError as caught:
+        change = next((word for word in words[2:] if re.match(r"[\w.]+=", word)), None)
+        if change is not None and "--set" not in words[words.index(change) - 1]:
+            told = f"{change} stands alone; write --set before each KEY=VALUE."
+        else:
+            told = str(caught)
+        raise UsageError(f"{place}: {told}") from None
+    if act.__module__ == __name__:
+        made: Command = act(*bound.args, **bound.kwargs)
+        return made
+    if first:
+        act(*bound.args, **bound.kwargs)
+    return None
 
 
 def run(comm: MPI.Comm, words: Sequence[str]) -> int:
@@ -102,20 +206,16 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
 
 
 def _answer(comm: MPI.Comm, words: Sequence[str]) -> Answer | None:
-    """Return what the command answers; None for --help and --version, which are printed here."""
-    for word in words:
-        if not word.isascii() and word.encode(errors="replace").decode() != word:
-            raise UsageError(f"{word!r} is no UTF-8; give files and folders other names.")
-    try:
-        given = vars(_parser(comm).parse_args(list(words)))
-    except SystemExit:
+    """Return what the command answers; None for what is printed while words are parsed."""
+    from toros_fem.base.mpi import ending_together
+    from toros_fem.base.validation import shown
+
+    command = parsed(words, first=comm.rank == 0)
+    if command is None:
         return None
-    command = COMMANDS[given["command"]]
-    known = command.described()
-    made = command.of_given(**{name: value for name, value in given.items() if name in known})
     try:
         with ending_together(comm, lambda error: tell_alone(comm, error)):
-            return made(comm)
+            return command(comm)
     except OSError as caught:
         # Of a name that is too long, or a folder that is closed, where it is only looked at.
         if isinstance(caught, TorosError) or caught.filename is None:
@@ -128,6 +228,8 @@ def _answer(comm: MPI.Comm, words: Sequence[str]) -> Answer | None:
 
 def _failed(comm: MPI.Comm, error: BaseException) -> Answer:
     """Return the answer of an error; a fault ends all ranks, since others may wait for this one."""
+    from toros_fem.cli.command_line.command import Answer
+
     kind = type(error).__name__
     plain = isinstance(error, UsageError | RunStoppedError)
     text = str(error) if plain else f"{kind}: {error}"
@@ -158,6 +260,8 @@ def _print(name: str | None, answer: Answer, *, as_json: bool) -> None:
 
 def _plain(value: Any) -> Any:
     """Return a value of JSON: numpy's numbers and paths become plain, what is not finite None."""
+    import numpy as np
+
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
@@ -167,32 +271,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value if isinstance(value, str | int | float | None) else str(value)
-
-
-def _parser(comm: MPI.Comm) -> SuggestingParser:
-    """Return the parser of `toros`."""
-    first = comm.rank == 0
-    codes = "\n".join(f"  {code:3d}  {text}" for code, text in MEANING.items())
-    parser = SuggestingParser(
-        prog="toros",
-        first_rank=first,
-        description=f"{ABOUT}\n\n`toros COMMAND --help` tells about one command.",
-        epilog=f"exit codes:\n{codes}\n\nUnder MPI: mpirun -n 2 toros COMMAND …",
-    )
-    parser.add_argument("--version", action="version", version=f"toros_fem {__version__}")
-    commands = parser.add_subparsers(
-        dest="command", metavar="COMMAND", title="commands", required=True
-    )
-    for word, command in COMMANDS.items():
-        about, examples = command.holds(), "\n".join(f"  {line}" for line in command.EXAMPLES)
-        sub = commands.add_parser(word, first_rank=first, help=about[:1].lower() + about[1:])
-        sub.description = f"{about}.\n\n{command.details()}"
-        sub.epilog = f"examples:\n{examples}"
-        add_options(sub, command)
-        group = sub.add_argument_group("output of the command")
-        for flag, text in OUTPUT.items():
-            group.add_argument(flag, action="store_true", help=text)
-    return parser
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from toros_fem.base.keys import File, Flag, OneOf, Text, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.program import program
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.parser import UsageError
+from toros_fem.cli.command_line.exit_codes import UsageError
 from toros_fem.cli.scene_files.layout import scene_schema
 from toros_fem.cli.scene_files.materials import KIND_OF, names_of
 from toros_fem.cli.scene_files.writing import scene_text, short_scene_text
