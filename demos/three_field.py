@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +49,6 @@ IN_A_ROW = 3
 WITHOUT_AND_WITH = ("projection", "perimeter", "widths", "widths and perimeter")
 
 
-@dataclass(frozen=True)
 class ThreeFieldScene(TubeScene):
     """The six bending tubes.
 

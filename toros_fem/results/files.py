@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import meshio
 import numpy as np
 
 from toros_fem.base.array_types import Floats
@@ -25,6 +24,8 @@ def write_fields(
     Raises:
         OutputError: The file cannot be written.
     """
+    import meshio
+
     fields = meshio.Mesh(
         positions,
         [("triangle", pattern.triangles)],

@@ -2,7 +2,7 @@
 
 import gc
 import weakref
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -223,7 +223,6 @@ def test_densities_go_on_from_the_lines(alone: MPI.Comm, found: Discovery) -> No
     assert rows[0].g_r > 0, "the widths are constrained"
 
 
-@dataclass(frozen=True)
 class Untold(bend.BendScene):
     """Numbers of a tube whose targets are in no field, and whose whole shape counts."""
 

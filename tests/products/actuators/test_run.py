@@ -1,7 +1,7 @@
 """A design run: polishing, prints and refined meshes without equilibrium, the closing sentence."""
 
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -242,7 +242,6 @@ COARSE: dict[str, Any] = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
 class Judged(bend_demo.BendScene):
     """A tube that is judged by its height too."""
 
