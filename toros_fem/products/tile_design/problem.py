@@ -63,8 +63,8 @@ class Searching(Filtering):
         free=True,
     )
     finish_iterations: Count = key(
-        15,
-        "largest number of steps on the design's mesh, at 4 β and again at 8 β",
+        30,
+        "largest number of steps on the design's mesh",
         free=True,
     )
     corrections: Number = key(
