@@ -1,6 +1,5 @@
 """Scenes: tables by name, keys by theirs."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -10,7 +9,6 @@ from toros_fem.base.keys import Count, Length, Table, key
 from toros_fem.base.scene import Scene
 
 
-@dataclass(frozen=True)
 class Skin(Table):
     """Sizes."""
 
@@ -18,14 +16,12 @@ class Skin(Table):
     cuts: Count = key(2, "cuts")
 
 
-@dataclass(frozen=True)
 class Steps(Table):
     """Steps."""
 
     seed: Count = key(3, "seed")
 
 
-@dataclass(frozen=True)
 class Sample(Scene):
     """A sample."""
 
@@ -57,10 +53,9 @@ def test_what_is_refused() -> None:
     with pytest.raises(ParameterError, match=r"design = Skin\(.* must be a Steps"):
         Sample(design=Skin())  # type: ignore[arg-type]
 
-    @dataclass(frozen=True)
     class Twice(Scene):
         skin: Skin = Skin()
         print: Skin = Skin()
 
     with pytest.raises(TypeError, match="has a key in two tables"):
-        Twice()
+        Twice.described()

@@ -586,7 +586,7 @@ def _material(**changes: Any) -> LibraryMaterial:
 
 
 LIBRARY: Table = {
-    **each(_material, {"young": "1 MPa"}, {"name": "../mine"}, {"name": "none"}, {"trust": "high"},
+    **each(_material, {"young": "1 mm"}, {"name": "../mine"}, {"name": "none"}, {"trust": "high"},
            {"thickness": 0.5}, {"stretch_range": (1.0, NAN)}, {"title": 100 * "x"},
            {"source": None}),
     "range is an array": lambda s: _material(stretch_range=LONG),

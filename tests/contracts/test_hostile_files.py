@@ -150,7 +150,8 @@ def wrong(error: BaseException | None, path: Path) -> str:
     if error is not None and not isinstance(error, TorosError):
         return repr(error)
     message = str(error or "")
-    fits = len(message) < 600 + 3 * len(str(path)) and "\n" not in message
+    lines = message.split("\n")
+    fits = len(lines) <= 21 and all(len(line) < 600 + 3 * len(str(path)) for line in lines)
     return "" if fits else message
 
 

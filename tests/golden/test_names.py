@@ -91,7 +91,7 @@ def described(value: Any) -> str:
         bases = [base.__name__ for base in value.__mro__[1:] if base not in (BaseException, object)]
         parts.append("error, a " + ", ".join(bases))
     if inspect.isfunction(value.__init__) and not getattr(value, "_is_protocol", False):
-        parts.append(signature(value.__init__))
+        parts.append(signature(value))
     members = has(value)
     return "; ".join(["class", *parts, *([f"has {members}"] if members else [])])
 

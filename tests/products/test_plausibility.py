@@ -139,7 +139,7 @@ def test_what_keys_need_is_known(kind: str) -> None:
     known = KINDS[kind].described()
     for name, (other, values) in KINDS[kind].needs().items():
         assert name in known
-        assert [known[other].checked(value) for value in values] == list(values)
+        assert [known[other].read(value) for value in values] == list(values)
         assert values or known[other].optional
 
 

@@ -1,7 +1,8 @@
-"""Keys: type, unit, bounds, meaning and default of each value that a user gives, declared once."""
+"""Settings: type, unit, bounds, meaning and default of each value that a user gives, said once."""
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import functools
 import json
@@ -10,15 +11,27 @@ import re
 import tomllib
 import types
 import typing
-from collections.abc import Iterable, Mapping
-from dataclasses import Field, asdict, dataclass, field, fields, is_dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, Self, get_args, get_origin
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    NotRequired,
+    Self,
+    dataclass_transform,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
+import pydantic.dataclasses
+from pydantic import BeforeValidator, ConfigDict, Field, Strict, TypeAdapter, ValidationError
+from pydantic_core import CoreSchema, ErrorDetails, core_schema
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.units import read_quantity, write_quantity
+from toros_fem.base.units import DIMENSIONS, quantity, write_quantity
 from toros_fem.base.validation import LONGEST, is_number, shown
 
 # The word for None, and the largest whole number, far beyond what makes sense.
@@ -38,12 +51,6 @@ SIZES: Mapping[str | None, tuple[float, float]] = {
 OTHERS = (1e-12, 1e12)
 # Least size of what may be 0: rounding leaves such numbers.
 TINY = 1e-50
-# Types that a value may come in, where it is not that of the key alone.
-TYPES: Mapping[type, tuple[type, ...]] = {
-    float: (int, float, np.integer, np.floating),
-    int: (int, np.integer),
-    Path: (str, Path),
-}
 WORDS: Mapping[type, str] = {
     float: "a finite number",
     int: "a whole number",
@@ -56,11 +63,16 @@ WORDS: Mapping[type, str] = {
 Need = tuple[str, tuple[Any, ...]]
 # Units of metrics that are written in another way than those of keys.
 METRIC_UNITS = {None: "ratio", "%": "percent"}
+# A number in a text, for editors.
+NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*"
+CONFIG = ConfigDict(arbitrary_types_allowed=True, extra="forbid")
 
 
 @dataclass(frozen=True)
 class In:
-    """Unit and bounds of a number, which its type carries.
+    """Unit and bounds of a number, which its type carries: `Annotated[float, In("m", above=0)]`.
+
+    The number may come as a text with a unit, "5 kPa", and in a type of NumPy.
 
     Attributes:
         unit: SI unit, or "deg" or "%"; None for pure numbers.
@@ -73,14 +85,79 @@ class In:
     below: float = math.inf
     at_most: float = math.inf
 
+    # The words of pydantic for these bounds.
+    WORDS: ClassVar = {"above": "gt", "at_least": "ge", "below": "lt", "at_most": "le"}
+
+    @property
+    def bounds(self) -> dict[str, float]:
+        """Those that are finite, by name."""
+        every = {name: getattr(self, name) for name in self.WORDS}
+        return {name: bound for name, bound in every.items() if math.isfinite(bound)}
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """The least and the largest size of a number that is not 0."""
+        least, most = SIZES.get(self.unit, OTHERS)
+        return least if self.above == 0 else TINY, most
+
     def __contains__(self, value: float) -> bool:
         inside = self.above < value < self.below and self.at_least <= value <= self.at_most
         return math.isfinite(value) and inside
 
     def __str__(self) -> str:
-        names = ("above", "at_least", "below", "at_most")
-        bounds = ((name.replace("_", " "), getattr(self, name)) for name in names)
-        return " and ".join(f"{word} {end:g}" for word, end in bounds if math.isfinite(end))
+        return " and ".join(f"{k.replace('_', ' ')} {end:g}" for k, end in self.bounds.items())
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        number: Any = {self.WORDS[name]: bound for name, bound in self.bounds.items()}
+        sized: Callable[[Any], Any]
+        if source is int:
+            inner: CoreSchema = core_schema.int_schema(strict=True, **number)
+            read, sized = _plain, self._counted
+        else:
+            inner = core_schema.float_schema(strict=True, allow_inf_nan=False, **number)
+            read, sized = self._read, self._sized
+        after = core_schema.no_info_after_validator_function(sized, inner)
+        return core_schema.no_info_before_validator_function(read, after)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        """Return the schema of a number, or of a text with a unit: its bounds are not said."""
+        number: dict[str, Any] = handler(schema)
+        if number["type"] == "integer":
+            return number
+        units = ["%"] if self.unit is None else DIMENSIONS[self.unit][1]
+        pattern = f"{NUMBER}({'|'.join(map(re.escape, units))})\\s*$"
+        return {"anyOf": [number, {"type": "string", "pattern": pattern}]}
+
+    def _read(self, value: Any) -> Any:
+        if not isinstance(value, str):
+            return _plain(value)
+        found = quantity(value, self.unit)
+        if isinstance(found, str):
+            raise ParameterError(found)
+        return found
+
+    def _counted(self, number: int) -> int:
+        if self.at_least >= 1 and number > MANY:
+            raise ParameterError(f"must be at most {MANY}")
+        return number
+
+    def _sized(self, number: float) -> float:
+        least, most = self.sizes
+        tiny = 0 < abs(number) < least
+        if tiny or abs(number) > most:
+            unit = f" {self.unit}" * (self.unit is not None)
+            ends = f"at least {least:g}{unit}" if tiny else f"at most {most:g}{unit}"
+            made = ": no such thing is made" * (self.unit is not None)
+            raise ParameterError(f"must be {ends}{made}")
+        return number
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of NumPy as one of Python; whole numbers are not longer than `LARGEST`."""
+    value = value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, int) and abs(value) > LARGEST:
+        raise ParameterError(f"must have less than {len(str(LARGEST))} digits")
+    return value
 
 
 @dataclass(frozen=True)
@@ -89,7 +166,20 @@ class OneOf:
 
     words: tuple[str, ...]
 
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.literal_schema(list(self.words))
 
+
+def _path(value: Any) -> Any:
+    if not isinstance(value, str | Path) or not str(value) or "\0" in str(value):
+        raise ParameterError("")
+    return value
+
+
+Flag = Annotated[bool, Strict()]
+Text = Annotated[str, Strict()]
+File = Annotated[Path, BeforeValidator(_path)]
+Real = Annotated[float, In()]
 Length = Annotated[float, In("m", above=0)]
 Distance = Annotated[float, In("m", at_least=0)]
 Place = Annotated[float, In("m")]
@@ -111,7 +201,8 @@ def key(default: Any, meaning: str, *, metric: str | None = None, free: bool = F
     A default of `dataclasses.MISSING` is none: the value must be given. `metric` names the metric
     whose target the key holds, in the key's unit; `free` is that of `Key`.
     """
-    return field(default=default, metadata={"meaning": meaning, "metric": metric, "free": free})
+    about = {"description": meaning, "metric": metric, "free": free}
+    return field(default=default, metadata=about)
 
 
 @dataclass(frozen=True)
@@ -120,6 +211,7 @@ class Key:
 
     Attributes:
         name: Its name, in files and in Python.
+        hint: Its type, with unit and bounds.
         kind: float, int, bool, str, Path, tuple for two floats, or the class of a table.
         meaning: One line, without unit and bounds.
         default: Value where none is given; MISSING where one must be.
@@ -133,6 +225,7 @@ class Key:
     """
 
     name: str
+    hint: Any
     kind: type
     meaning: str
     default: Any = None
@@ -146,7 +239,7 @@ class Key:
     @property
     def one(self) -> Key:
         """The key of one of several values."""
-        return replace(self, several=False)
+        return replace(self, hint=get_args(self.hint)[0], several=False) if self.several else self
 
     @property
     def ending(self) -> str:
@@ -170,53 +263,20 @@ class Key:
             return text
         return f"{text}{',' if bounds else ';'} or {NONE}"
 
-    def checked(self, value: Any) -> Any:
-        """Return a value in its type, or refuse it: numpy's numbers become plain, as for JSON."""
-        if value is None and self.optional:
-            return None
-        if self.several:
-            if not isinstance(value, list | tuple):
-                self.refuse(value, "must be a list")
-            return tuple(map(self.one.checked, value))
-        if self.kind is tuple:
-            return self._pair(value)
-        fits = isinstance(value, TYPES.get(self.kind, self.kind))
-        if not fits or isinstance(value, bool) != (self.kind is bool):
-            self.refuse(value)
-        if self.kind in (float, int):
-            return self._number(value)
-        if self.words and value not in self.words:
-            self.refuse(value)
-        if self.kind is Path and (not str(value) or "\0" in str(value)):
-            self.refuse(value)
-        return Path(value) if self.kind is Path else value
+    @property
+    def file_hint(self) -> Any:
+        """Its type in files and on command lines, where a word stands for None."""
+        return Annotated[self.hint, _OrNone()] if self.optional else self.hint
 
-    def _pair(self, value: Any) -> tuple[float, float]:
-        ends = value.tolist() if isinstance(value, np.ndarray) else value
-        numbers = isinstance(ends, list | tuple) and [is_number(one) for one in ends]
-        if numbers != [True, True] or not all(map(math.isfinite, ends)):
-            self.refuse(value)
-        return float(ends[0]), float(ends[1])
+    def read(self, value: Any) -> Any:
+        """Return a value from what a file or command line holds: 0.3, "5 kPa", "none"."""
+        try:
+            return _reader(self.file_hint).validate_python(value)
+        except ValidationError as caught:
+            raise refused({self.name: self}, caught, (self.name,)) from None
 
-    def _number(self, value: Any) -> float:
-        if isinstance(value, int) and abs(value) > LARGEST:
-            self.refuse(value, f"must have less than {len(str(LARGEST))} digits")
-        if self.kind is int and self.within.at_least >= 1 and value > MANY:
-            self.refuse(value, f"must be at most {MANY}")
-        number: float = self.kind(value)
-        if number not in self.within:
-            self.refuse(value)
-        least, most = sizes_of(self)
-        tiny = 0 < abs(number) < least
-        if self.kind is float and (tiny or abs(number) > most):
-            unit = f" {self.within.unit}" * (self.within.unit is not None)
-            ends = f"at least {least:g}{unit}" if tiny else f"at most {most:g}{unit}"
-            made = ": no such thing is made" * (self.within.unit is not None)
-            self.refuse(value, f"must be {ends}{made}")
-        return number
-
-    def refuse(self, value: Any, why: str = "") -> NoReturn:
-        """Raise the ParameterError of a value; without a reason it tells what the key takes."""
+    def refusal(self, value: Any, why: str = "") -> ParameterError:
+        """Return the error of a value; without a reason it tells what the key takes."""
         unit, number = self.within.unit, is_number(value)
         what = WORDS.get(self.kind, f"a {self.kind.__name__}")
         if self.words:
@@ -227,22 +287,9 @@ class Key:
         why = why or f"must be {', '.join(parts)}"
         word = value[:LONGEST] if isinstance(value, str) else ""
         near = difflib.get_close_matches(word, self.words)
-        end = f"; did you mean {near[0]!r}?" if near else "."
+        end = f"; did you mean {near[0]!r}?" if near else "" if why[-1] in ".?" else "."
         given = f"{shown(value)} {unit}" if unit and number else shown(value)
-        raise ParameterError(f"{self.name} = {given} {why}{end}", self.name)
-
-    def read(self, value: Any) -> Any:
-        """Return a value, checked, from what a file or command line holds: 0.3, "5 kPa", "none"."""
-        if self.optional and isinstance(value, str) and value.lower() == NONE:
-            return None
-        if self.several and isinstance(value, list | tuple):
-            return tuple(map(self.one.read, value))
-        if self.kind is float and isinstance(value, str):
-            try:
-                value = read_quantity(value, self.within.unit)
-            except ParameterError as caught:
-                raise ParameterError(str(caught), self.name) from None
-        return self.checked(value)
+        return ParameterError(f"{self.name} = {given} {why}{end}", self.name)
 
     def written(self, value: Any) -> str:
         """Return a value as a file holds it, in a handy unit."""
@@ -259,12 +306,6 @@ class Key:
         return repr(value)
 
 
-def sizes_of(key: Key) -> tuple[float, float]:
-    """Return the least and the largest size of a number of a key, if it is not 0."""
-    least, most = SIZES.get(key.within.unit, OTHERS)
-    return least if key.within.above == 0 else TINY, most
-
-
 def quoted(text: str) -> str:
     """Return a text as a TOML string; JSON's rules are those of TOML for all but one character."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
@@ -279,32 +320,42 @@ def plain_value(text: str) -> Any:
         return text
 
 
-@dataclass(frozen=True)
+@dataclass_transform(frozen_default=True)
 class Table:
-    """Base of all settings: frozen, and checked on construction, by type and by bounds.
+    """Base of all settings: frozen dataclasses of pydantic, checked on construction.
 
-    A field is made by `key`. Its type is float, int, bool, str, Path or two floats, one of these or
-    None, several of one of them, or one with unit and bounds, as `Length`; in tables that stand in
-    no file also another table, or several. Validation, files, command lines and pages read this one
-    place.
+    A field is made by `key`. Its type is `Flag`, `Text`, `File`, a number with unit and bounds as
+    `Length`, one of words as `Annotated[str, OneOf(…)]`, a pair of `Real`, a tuple of one of them,
+    or one of them or None; in tables that stand in no file also another table. Validation, files,
+    command lines and pages read this one place.
 
     Raises:
         ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
     """
 
-    def __new__(cls, *args: Any, **values: Any) -> Self:
-        """Return new settings, if all names are known."""
-        cls._require_known(values)
-        return super().__new__(cls)
+    def __init_subclass__(cls, *, kw_only: bool = False) -> None:
+        super().__init_subclass__()
+        pydantic.dataclasses.dataclass(cls, frozen=True, kw_only=kw_only, config=CONFIG)
+        made = cls.__init__
 
-    def __post_init__(self) -> None:
-        for name, one in self.described().items():
-            object.__setattr__(self, name, one.checked(getattr(self, name)))
+        @functools.wraps(made)
+        def checked(self: Table, *args: Any, **values: Any) -> None:
+            try:
+                made(self, *args, **values)
+            except ValidationError as caught:
+                raise refused(self._own_keys(), caught) from None
+
+        cls.__init__ = checked  # type: ignore[assignment, method-assign]
 
     @classmethod
     def described(cls) -> Mapping[str, Key]:
         """Return what is known of each key, by name."""
         return _keys(cls)  # type: ignore[arg-type]
+
+    @classmethod
+    def _own_keys(cls) -> Mapping[str, Key]:
+        """Return what is known of each of its fields, by name."""
+        return cls.described()
 
     @classmethod
     def holds(cls) -> str:
@@ -313,8 +364,7 @@ class Table:
 
     def updated(self, **changes: Any) -> Self:
         """Return a copy with other values; a ParameterError suggests the nearest known name."""
-        self._require_known(changes)
-        return replace(self, **changes)
+        return replace(self, **changes)  # type: ignore[type-var]
 
     def value(self, name: str) -> Any:
         """Return the value of a key."""
@@ -322,33 +372,86 @@ class Table:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all values by name, as summaries hold them."""
-        return asdict(self)
+        return asdict(self)  # type: ignore[call-overload]
 
     @classmethod
     def of_dict(cls, values: Mapping[str, Any]) -> Self:
         """Return the settings that `as_dict` described."""
-        cls._require_known(values)
-        described = cls.described()
+        return cls(**values)
 
-        def made(name: str, value: Any) -> Any:
-            kind = described[name].kind
-            if described[name].several and isinstance(value, list | tuple):
-                return [made_one(kind, one) for one in value]
-            return made_one(kind, value)
 
-        def made_one(kind: type, value: Any) -> Any:
-            if not (isinstance(value, dict) and is_dataclass(kind)):
-                return value
-            return kind.of_dict(value) if issubclass(kind, Table) else kind(**value)
+def given_of(name: str, about: str, keys: Mapping[str, Key]) -> Any:
+    """Return the type of the keys that a table of a file gives, none of which it must."""
+    return typed(
+        name,
+        about,
+        {
+            n: NotRequired[Annotated[k.file_hint, Field(description=k.help)]]
+            for n, k in keys.items()
+        },
+    )
 
-        return cls(**{name: made(name, value) for name, value in values.items()})
 
-    @classmethod
-    def _require_known(cls, names: Iterable[str]) -> None:
-        known = cls.__dataclass_fields__
-        for name in names:
-            if name not in known:
-                raise ParameterError(f"unknown parameter {name!r}; {nearest(name, known)}", name)
+def typed(name: str, about: str, content: Mapping[str, Any]) -> Any:
+    """Return a TypedDict, which knows no other keys than its own."""
+    make: Any = typing.TypedDict
+    made = make(name, dict(content), total=False)
+    made.__doc__, made.__pydantic_config__ = about, CONFIG
+    return made
+
+
+def refused(
+    keys: Mapping[str, Key], caught: ValidationError, at: tuple[str, ...] = ()
+) -> ParameterError:
+    """Return the error that tells all values that pydantic refuses, a line each.
+
+    `at` is where keys of theirs are, if pydantic does not know it.
+    """
+    errors = [refusal_of(keys, (*at, *one["loc"]), one) for one in caught.errors(include_url=False)]
+    return ParameterError("\n".join(map(str, errors)), errors[0].key) if errors[1:] else errors[0]
+
+
+def refusal_of(
+    keys: Mapping[str, Key], place: tuple[int | str, ...], error: ErrorDetails
+) -> ParameterError:
+    """Return the error of a place: a key, and what leads into its value."""
+    cause = error.get("ctx", {}).get("error")
+    if not place:
+        return cause if isinstance(cause, ParameterError) else ParameterError(error["msg"])
+    if error["type"] == "unexpected_positional_argument":
+        return ParameterError(f"{len(keys)} values at most are known here: {', '.join(keys)}.")
+    # A value without its name has its number.
+    name = list(keys)[place[0]] if isinstance(place[0], int) else place[0]
+    if name not in keys:
+        return ParameterError(f"unknown parameter {name!r}; {nearest(name, keys)}", name)
+    one, rest = keys[name], [part for part in place[1:] if isinstance(part, str)]
+    if isinstance(one.kind, type) and issubclass(one.kind, Table) and rest[:1]:
+        inner = place[1 + place[1:].index(rest[0]) :]
+        return refusal_of(one.kind.described(), inner, error)
+    if error["type"].startswith("missing") and len(place) == 1:
+        return ParameterError(f"{name} is missing: {one.meaning}.", name)
+    if one.several and len(place) == 1 and not isinstance(error["input"], list | tuple):
+        return one.refusal(error["input"], "must be a list")
+    return one.refusal(error["input"], "" if cause is None else str(cause))
+
+
+@functools.cache
+def _reader(hint: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(hint)
+
+
+class _OrNone:
+    """Marks a type in files, which have a word for None."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        def read(value: Any) -> Any:
+            return None if isinstance(value, str) and value.lower() == NONE else value
+
+        return core_schema.no_info_before_validator_function(read, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        ways = handler(schema)["anyOf"]
+        return {"anyOf": [{"const": NONE} if one == {"type": "null"} else one for one in ways]}
 
 
 def meant(word: Any, known: Iterable[str]) -> str | None:
@@ -374,27 +477,28 @@ def _keys(table: type[Table]) -> Mapping[str, Key]:
     """Return the keys of a table; a TypeError where the table itself is wrong."""
     hints = typing.get_type_hints(table, include_extras=True)
     return types.MappingProxyType(
-        {one.name: _key(table.__name__, one, hints[one.name]) for one in fields(table)}
+        {one.name: _key(table.__name__, one, hints[one.name]) for one in fields(table)}  # type: ignore[arg-type]
     )
 
 
-def _key(table: str, one: Field[Any], hint: Any) -> Key:
+def _key(table: str, one: dataclasses.Field[Any], hint: Any) -> Key:
     """Return the key of a field, from its type: Length, Poisson | None, tuple[str, ...]."""
     parts = get_args(hint) if get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
     kind = next(part for part in parts if part is not types.NoneType)
     if several := get_args(kind)[1:] == (...,):
         kind = get_args(kind)[0]
     kind, limits = get_args(kind)[:2] if get_origin(kind) is Annotated else (kind, None)
-    kind = tuple if kind == tuple[float, float] else kind
-    if not (kind in WORDS or is_dataclass(kind)) or "meaning" not in one.metadata:
+    kind = tuple if kind == tuple[Real, Real] else kind
+    if not (kind in WORDS or is_dataclass(kind)) or "description" not in one.metadata:
         raise TypeError(
-            f"{table}.{one.name} must be a float, int, bool, str or Path (or None), several of one "
-            "of these, two floats or a table, with its default and meaning given by key(…)."
+            f"{table}.{one.name} must be a number, Flag, str or Path (or None), several of one of "
+            "these, two numbers or a table, with its default and meaning given by key(…)."
         )
     return Key(
         one.name,
+        hint,
         kind,
-        one.metadata["meaning"],
+        one.metadata["description"],
         one.default,
         optional=types.NoneType in parts,
         within=limits if isinstance(limits, In) else In(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import typing
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, Self
@@ -25,8 +25,7 @@ ORDER = (
 NO_TABLE: Mapping[str, bool] = MappingProxyType({"outside": True})
 
 
-@dataclass(frozen=True)
-class Scene:
+class Scene(Table):
     """Base of all scenes: each field is a table of the file, or a tuple of tables of one type.
 
     A key stands in one table only, so that its name is enough where values are given.
@@ -49,16 +48,6 @@ class Scene:
     EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {}
     OUTLINE: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[Mapping[str, Need]] = {}
-
-    def __post_init__(self) -> None:
-        for name, of in self.tables().items():
-            Key(name, of, of.holds()).checked(getattr(self, name))
-        for name, of in self.entries().items():
-            given = getattr(self, name)
-            if isinstance(given, list | tuple):
-                given = [of(**one) if isinstance(one, Mapping) else one for one in given]
-            made = Key(name, of, of.holds(), several=True).checked(given)
-            object.__setattr__(self, name, made)
 
     @classmethod
     def example(cls) -> Self:
@@ -138,6 +127,17 @@ class Scene:
         return cls._layout().several
 
     @classmethod
+    def _own_keys(cls) -> dict[str, Key]:
+        """Return its tables, as keys."""
+        hints = typing.get_type_hints(cls)
+        once = {n: Key(n, hints[n], of, of.holds()) for n, of in cls.tables().items()}
+        several = {
+            name: Key(name, hints[name], of, of.holds(), several=True)
+            for name, of in cls.entries().items()
+        }
+        return once | several
+
+    @classmethod
     def described(cls) -> dict[str, Key]:
         """Return what is known of each key, by name, of the tables that stand once."""
         return {name: key for of in cls.tables().values() for name, key in of.described().items()}
@@ -165,16 +165,16 @@ class Scene:
                 raise ParameterError(f"unknown parameter {name!r}; {advice}", name)
         for table, values in by_table.items():
             whole[table] = whole.get(table, getattr(self, table)).updated(**values)
-        return replace(self, **whole)
+        return super().updated(**whole)
 
     def as_dict(self) -> dict[str, Any]:
         """Return all values by the names of their keys, as summaries hold them."""
         several = {name: [asdict(one) for one in getattr(self, name)] for name in self.entries()}
         return {**{name: self.value(name) for name in self.described()}, **several}
 
-    def value(self, key: str) -> Any:
+    def value(self, name: str) -> Any:
         """Return the value of a key of a table that stands once."""
-        return getattr(getattr(self, self.table_of(key)), key)
+        return getattr(getattr(self, self.table_of(name)), name)
 
 
 @dataclass(frozen=True)

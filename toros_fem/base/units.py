@@ -60,13 +60,13 @@ def read_quantity(text: str, unit: str | None) -> float:
     Raises:
         ParameterError: There is no number, no unit, an unknown unit, or one of something else.
     """
-    found = _quantity(text, unit)
+    found = quantity(text, unit)
     if isinstance(found, str):
         raise ParameterError(f"{shown(text)} {found}")
     return found
 
 
-def _quantity(text: str, unit: str | None) -> float | str:
+def quantity(text: str, unit: str | None) -> float | str:
     """Return the number of `read_quantity`, or the end of a sentence that says why it is none."""
     known = "" if unit is None else "; known are " + ", ".join(words_of(unit))
     match = _VALUE.fullmatch(text[: LONGEST + 1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -26,7 +25,6 @@ TEXT, OUTLINES = "text", "outlines"
 R12, R2010 = "R12", "R2010"
 
 
-@dataclass(frozen=True)
 class ManufactureOptions(Table):
     """Settings of the machine files."""
 

@@ -20,7 +20,6 @@ PRINT_SIDES = ("outside", "inside")
 WRINKLINGS = ("tension-field",)
 
 
-@dataclass(frozen=True)
 class Material(Table):
     """Isotropic sheet.
 
@@ -76,7 +75,6 @@ class Material(Table):
         return (ratio - 1) / (1 - self.poisson**2) * self.membrane_stiffness
 
 
-@dataclass(frozen=True)
 class Bending(Table):
     """Bending resistance of a sheet, eqs. (4-6); docs/accuracy.md compares the terms.
 
@@ -98,7 +96,6 @@ class Bending(Table):
     )
 
 
-@dataclass(frozen=True)
 class Membrane(Table):
     """Stretching of a sheet: whether it takes compression, eq. (1), or wrinkles.
 
@@ -122,7 +119,6 @@ class Membrane(Table):
         return self.wrinkling is not None
 
 
-@dataclass(frozen=True)
 class Bladder(Table):
     """Thin airtight layer of incompressible rubber that moves with the skin.
 
@@ -178,7 +174,6 @@ def _angle(name: str, grain: Any) -> float:
     return float(grain)
 
 
-@dataclass(frozen=True)
 class Composite(Table):
     """Fabric, and fabric with reinforcement, eqs. (1-3).
 
@@ -213,7 +208,6 @@ class Composite(Table):
     )
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         for refused, why in self._conflicts():
             if refused:
                 raise ParameterError(why)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from toros_fem.base.keys import In, Number, OneOf, Stretch, Table, key
@@ -15,7 +14,6 @@ STARTS = ("auto", "slack", "set", "none")
 OFFSETS = ("ask", "preload", "untared")
 
 
-@dataclass(frozen=True)
 class FitOptions(Table):
     """How a material is fitted to tensile tests."""
 
@@ -43,7 +41,6 @@ class FitOptions(Table):
     )
 
 
-@dataclass(frozen=True)
 class ToleranceConfig(Table):
     """Tolerances of printer, material and pressure; SI units."""
 

@@ -88,8 +88,8 @@ WRONG = [
     (BEND + '[design]\n\nsed = 3', "line 4: design.sed: unknown key 'sed'; did you mean 'see"),
     (BEND + '[design]\npresure = 3', r"did you mean 'pressure', in the table \[pressure\]\?"),
     (BEND + '[design]\npressure = 3', r"design.pressure: .* stands in the table \[pressure\]"),
-    (BEND + '[skin]\nlength = "5 kPa"', "line 3: skin.length: '5 kPa' is a pressure or a mod"),
-    (BEND + '[skin]\nlength = "5"', "line 3: skin.length: '5' has no unit; known are m, cm"),
+    (BEND + '[skin]\nlength = "5 kPa"', "line 3: skin.length: .*'5 kPa' is a pressure or a mod"),
+    (BEND + '[skin]\nlength = "5"', "line 3: skin.length: .*'5' has no unit; known are m, cm"),
     (BEND + '[skin]\nlength = -1', "line 3: skin.length: length = -1 m must be a finite nu"),
     (BEND + '[skin]\nmesh = "hexagons"', "skin.mesh: mesh = 'hexagons' must be one of"),
     (BEND + '[skin]\nlength = "0,15 m"', "'0,15 m' has a comma. Write a point: '0.15 m'"),
@@ -128,6 +128,24 @@ def test_wrong_files(tmp_path: Path, text: str, message: str) -> None:
         scene(tmp_path, text)
     assert caught.value.path == tmp_path / "my.toml"
     assert len(str(caught.value)) < 1500
+
+
+def test_all_errors_are_told_with_their_lines(tmp_path: Path) -> None:
+    text = BEND + '[skin]\nlength = "5 kPa"\nlenght = 1\ncaps = 3\n[design]\nseed = 0.5\n[no]\n'
+    with pytest.raises(FileError) as caught:
+        scene(tmp_path, text)
+    lines = str(caught.value).replace(f"{tmp_path / 'my.toml'}, line ", "").split("\n")
+    begins = [
+        "3: skin.length: length = '5 kPa'",
+        "4: skin.lenght: unknown key 'lenght'; did",
+        "5: skin.caps: ",
+        "7: design.seed: seed = 0.5 must",
+        "8: no: unknown table 'no'",
+    ]
+    assert len(lines) == len(begins)
+    for line, begin in zip(lines, begins, strict=True):
+        assert line.startswith(begin), line
+    assert (caught.value.line, caught.value.key) == (3, "skin.length")
 
 
 @pytest.mark.parametrize(

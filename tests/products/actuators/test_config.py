@@ -1,7 +1,6 @@
 """Configuration of an actuator: what is left out by None, and what follows from the numbers."""
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -82,7 +81,6 @@ def test_designed_pressures() -> None:
     assert scene.updated(pressure=1e3).pressures == (1e3, (900.0, 1e3)), "less than it needs"
 
 
-@dataclass(frozen=True)
 class FromMore(BendScene):
     START_STRAIN: ClassVar = 1.9
 
@@ -96,7 +94,6 @@ def test_a_start_from_more_pressure_is_bounded_by_its_strain(angle: float, facto
     assert scene.pressures[0] == pytest.approx(start, rel=1e-9)
 
 
-@dataclass(frozen=True)
 class TiltedTarget(Table):
     """A target."""
 
@@ -104,7 +101,6 @@ class TiltedTarget(Table):
     share: Annotated[float, In("%", below=100)] = key(5.0, "a part", metric="share")
 
 
-@dataclass(frozen=True)
 class Tilted(TubeScene):
     target: TiltedTarget = TiltedTarget()
 

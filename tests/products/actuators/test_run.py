@@ -32,7 +32,6 @@ from toros_fem.results.reporter import DesignReporter
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
 
-@dataclass(frozen=True)
 class Bent(TubeScene):
     """A tube to be bent by 45 degrees."""
 

@@ -28,8 +28,7 @@ class Answer:
     code: int = 0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Command(Table):
+class Command(Table, kw_only=True):
     """Base of the commands of `toros`: each field is an option, and the docstring is the help.
 
     What solves is imported where the command is called, so that its help comes at once.
@@ -38,17 +37,18 @@ class Command(Table):
         EXAMPLES: Lines that may be typed.
         WORDS: Fields that are given without their names, in this order.
         TAKES: What the help calls the value of an option, where it is no plain number or name.
-        given: Values that were given; all others are defaults.
+        given: Names of the values that were given; all others are defaults.
     """
 
     EXAMPLES: ClassVar[tuple[str, ...]] = ()
     WORDS: ClassVar[tuple[str, ...]] = ()
     TAKES: ClassVar[Mapping[str, str]] = {}
 
-    def __new__(cls, **values: Any) -> Self:
-        """Return a new command, which knows what was given."""
-        made = super().__new__(cls, **values)
-        object.__setattr__(made, "given", values)
+    @classmethod
+    def of_given(cls, **values: Any) -> Self:
+        """Return a command that knows what was given."""
+        made = cls(**values)
+        object.__setattr__(made, "given", frozenset(values))
         return made
 
     def __call__(self, comm: MPI.Comm) -> Answer:
@@ -62,9 +62,8 @@ class Command(Table):
 
     def updating(self, settings: T) -> T:
         """Return settings with the values of the options of the same names that were given."""
-        given: Mapping[str, Any] = vars(self)["given"]
-        known = settings.described()
-        return settings.updated(**{n: getattr(self, n) for n in given if n in known})
+        known = vars(self)["given"] & settings.described().keys()
+        return settings.updated(**{name: getattr(self, name) for name in known})
 
 
 def add_options(parser: argparse.ArgumentParser, command: type[Command]) -> None:
@@ -75,7 +74,7 @@ def add_options(parser: argparse.ArgumentParser, command: type[Command]) -> None
     groups: dict[type, Any] = {command: parser}
     for one in command.described().values():
         homes = (of for of in reversed(command.__mro__) if issubclass(of, Table))
-        home = next(of for of in homes if one.name in of.__dataclass_fields__)
+        home = next(of for of in homes if one.name in vars(of).get("__dataclass_fields__", ()))
         if home not in groups:
             groups[home] = parser.add_argument_group(home.holds())
         word, text = "--" + one.name.replace("_", "-"), _help(one)

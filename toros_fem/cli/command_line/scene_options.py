@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 from contextlib import AbstractContextManager
-from dataclasses import MISSING, dataclass, replace
+from dataclasses import MISSING, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import Count, key
+from toros_fem.base.keys import Count, File, Flag, Text, key
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.parser import UsageError
 
@@ -20,13 +20,12 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Progress(Command):
+class Progress(Command, kw_only=True):
     """What is reported and stored while it runs."""
 
     every: Count = key(2, "iterations between two writes of the state")
-    verbose: bool = key(False, "print every Newton step")
-    petsc: str = key(
+    verbose: Flag = key(False, "print every Newton step")
+    petsc: Text = key(
         "",
         "options of PETSc for the equilibrium solver, each with the prefix -toros_, as in the "
         "variable PETSC_OPTIONS: '-toros_snes_monitor -toros_snes_rtol 1e-8'",
@@ -41,11 +40,10 @@ class Progress(Command):
         return given_options(self.petsc)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Changes(Command):
+class Changes(Command, kw_only=True):
     """Changes of a scene's values."""
 
-    set: tuple[str, ...] = key(
+    set: tuple[Text, ...] = key(
         (),
         "another value of a key of the scene file, as it would stand there, in its unit or in SI "
         "units; may be given several times",
@@ -54,11 +52,10 @@ class Changes(Command):
     TAKES: ClassVar = {"set": "KEY=VALUE"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Meshes(Command):
+class Meshes(Command, kw_only=True):
     """Large meshes."""
 
-    allow_large: bool = key(False, "also allow meshes of more than 2000000 triangles")
+    allow_large: Flag = key(False, "also allow meshes of more than 2000000 triangles")
 
     def meshes_allowed(self) -> AbstractContextManager[None]:
         """Lift the limit on triangles inside a `with` block, if the options ask for it."""
@@ -67,12 +64,11 @@ class Meshes(Command):
         return triangle_limit(None if self.allow_large else MOST_TRIANGLES)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SceneCommand(Changes, Meshes):
+class SceneCommand(Changes, Meshes, kw_only=True):
     """The scene and its quick variant."""
 
-    file: Path = key(MISSING, "scene file, by `toros new`")
-    coarse: bool = key(False, "the scene's quick variant: a coarse mesh and few steps")
+    file: File = key(MISSING, "scene file, by `toros new`")
+    coarse: Flag = key(False, "the scene's quick variant: a coarse mesh and few steps")
 
     WORDS: ClassVar[tuple[str, ...]] = ("file",)
 
@@ -93,19 +89,18 @@ class SceneCommand(Changes, Meshes):
         return scene
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunCommand(SceneCommand, Progress):
+class RunCommand(SceneCommand, Progress, kw_only=True):
     """The run's folder."""
 
-    output: Path | None = key(
+    output: File | None = key(
         None,
         "folder of the run, made if missing, and refused if it is not empty; none: named after the "
         'file, for a simulation with "-simulated"',
     )
-    overwrite: bool = key(
+    overwrite: Flag = key(
         False, "replace the run in the folder: its own files are removed, all others stay"
     )
-    metric: tuple[str, ...] = key(
+    metric: tuple[Text, ...] = key(
         (),
         'a number more to judge an own mesh by: "bend of z > 70 mm against z < 5 mm", as in the '
         "tables [[metric]] of its file; measures are bend, turn, twist, length, x, y, z, lean, and "

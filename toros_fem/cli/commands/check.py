@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpi4py import MPI
@@ -29,8 +29,7 @@ BED = (
 CROWDED = 0.8
 
 
-@dataclass(frozen=True, kw_only=True)
-class Check(SceneCommand):
+class Check(SceneCommand, kw_only=True):
     """Reads a scene file and says what is wrong, or how large the design will be.
 
     An error names file, line and key, and the nearest right key. A warning ("doubt") means that

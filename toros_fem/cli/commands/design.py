@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import key
+from toros_fem.base.keys import File, Flag, key
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.command_line.scene_options import RunCommand
@@ -17,8 +16,7 @@ if TYPE_CHECKING:
     from toros_fem.cli.scene_files.reading import SceneFile
 
 
-@dataclass(frozen=True, kw_only=True)
-class Design(RunCommand):
+class Design(RunCommand, kw_only=True):
     """Designs the pattern of a scene.
 
     The pattern is designed, cleaned so that it can be printed, simulated again and written,
@@ -26,13 +24,13 @@ class Design(RunCommand):
     that was stopped goes on by `toros resume`.
     """
 
-    start_from: Path | None = key(
+    start_from: File | None = key(
         None,
         "folder of a finished design: the densities start from its print, which may have another "
         "size, target or pressure, on the finest mesh; none: the scene's start",
     )
 
-    final: bool = key(
+    final: Flag = key(
         False,
         "the design to trust: fine meshes, figures from a finer one, and up to three seeds until a "
         "print certainly reaches its targets; what it costs is told first",

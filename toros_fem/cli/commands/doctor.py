@@ -7,14 +7,13 @@ import importlib.util
 import os
 import shutil
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import key
+from toros_fem.base.keys import Flag, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import versions
 from toros_fem.cli.command_line.command import Answer, Command
@@ -28,8 +27,7 @@ PACKAGES = (
 LENGTH, DIAMETER, EDGE, PRESSURE = 0.06, 0.02, 5e-3, 2e3
 
 
-@dataclass(frozen=True, kw_only=True)
-class Doctor(Command):
+class Doctor(Command, kw_only=True):
     """Says what the package runs on, and tries it.
 
     Versions, MPI, solvers, caches and their sizes. The equilibrium of a small tube is found, which
@@ -37,7 +35,7 @@ class Doctor(Command):
     says what to do. Please add what it prints to a report of a fault.
     """
 
-    no_solve: bool = key(False, "leave out the equilibrium of a small tube")
+    no_solve: Flag = key(False, "leave out the equilibrium of a small tube")
 
     EXAMPLES: ClassVar = ("toros doctor", "toros doctor --json", "mpirun -n 2 toros doctor")
 

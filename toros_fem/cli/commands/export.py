@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import MISSING, dataclass
-from pathlib import Path
+from dataclasses import MISSING
 from typing import Any, ClassVar
 
 from mpi4py import MPI
 
 from toros_fem.base.files import guarded, if_plotting
-from toros_fem.base.keys import key
+from toros_fem.base.keys import File, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.making.options import ManufactureOptions
@@ -22,8 +21,7 @@ UNKNOWN_HEIGHT = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Export(Command, ManufactureOptions):
+class Export(Command, ManufactureOptions, kw_only=True):
     """Writes the files for printer and cutter again.
 
     From the print that a design stores (print.npz): print_1.3mf and .stl for the printer's bed,
@@ -34,8 +32,8 @@ class Export(Command, ManufactureOptions):
     lines and gaps.
     """
 
-    run: Path = key(MISSING, "folder of a finished design")
-    output: Path | None = key(
+    run: File = key(MISSING, "folder of a finished design")
+    output: File | None = key(
         None, "folder for the files, made if missing; none takes RUN/manufacture"
     )
 

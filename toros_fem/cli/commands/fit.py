@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, replace
+from dataclasses import MISSING, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from mpi4py import MPI
 
 from toros_fem.base.files import require_unused
-from toros_fem.base.keys import Length, OneOf, Table, key
+from toros_fem.base.keys import File, Flag, Length, OneOf, Table, Text, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.parser import UsageError
@@ -21,21 +21,19 @@ if TYPE_CHECKING:
     from toros_fem.products.fitting.tensile_test import TensileTest
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Entry(Table):
+class _Entry(Table, kw_only=True):
     """Entry of a file of materials."""
 
-    name: str | None = key(None, "name of the material; none: no entry")
-    library: Path | None = key(
+    name: Text | None = key(None, "name of the material; none: no entry")
+    library: File | None = key(
         None, "file of materials, made if missing, in which NAME is added or replaced"
     )
     kind: Annotated[str, OneOf(("fabric", "print"))] = key("fabric", "what it is")
-    with_fabric: bool = key(False, "a print was tested together with its fabric")
-    source: str | None = key(None, "where it comes from; none: the specimens")
+    with_fabric: Flag = key(False, "a print was tested together with its fabric")
+    source: Text | None = key(None, "where it comes from; none: the specimens")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Unsaid(Table):
+class _Unsaid(Table, kw_only=True):
     """What the files do not say."""
 
     thickness: Length | None = key(None, "thickness of the sheet; none: that of the files")
@@ -43,21 +41,20 @@ class _Unsaid(Table):
     gauge_length: Length | None = key(
         None, "length that the extension refers to; none: that of the files"
     )
-    direction: str | None = key(
+    direction: Text | None = key(
         None, "fit the tests along this direction alone, and those of none; none: all"
     )
-    unit: tuple[str, ...] = key(
+    unit: tuple[Text, ...] = key(
         (), "unit of a column, 'force=N', as often as needed; none: that in the header"
     )
-    column: tuple[str, ...] = key(
+    column: tuple[Text, ...] = key(
         (),
         "name of a column by what it holds, 'force=Channel 3', as often as needed; none: by the "
         "known names",
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fit(Command, FitOptions, _Entry, _Unsaid):
+class Fit(Command, FitOptions, _Entry, _Unsaid, kw_only=True):
     """Fits a material to tensile tests.
 
     CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), with 95 %
@@ -67,9 +64,9 @@ class Fit(Command, FitOptions, _Entry, _Unsaid):
     With a name and a file of materials, scenes can take the material by its name.
     """
 
-    data: tuple[Path, ...] = key(MISSING, "files of the tests, in CSV")
-    output: Path = key(Path("fit"), "folder for the report, made if missing")
-    overwrite: bool = key(False, "replace files of these names in the folder; all others stay")
+    data: tuple[File, ...] = key(MISSING, "files of the tests, in CSV")
+    output: File = key(Path("fit"), "folder for the report, made if missing")
+    overwrite: Flag = key(False, "replace files of these names in the folder; all others stay")
 
     WORDS: ClassVar = ("data",)
     TAKES: ClassVar = {

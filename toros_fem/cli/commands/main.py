@@ -112,7 +112,7 @@ def _answer(comm: MPI.Comm, words: Sequence[str]) -> Answer | None:
         return None
     command = COMMANDS[given["command"]]
     known = command.described()
-    made = command(**{name: value for name, value in given.items() if name in known})
+    made = command.of_given(**{name: value for name, value in given.items() if name in known})
     try:
         with ending_together(comm, lambda error: tell_alone(comm, error)):
             return made(comm)

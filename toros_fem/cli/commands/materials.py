@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import OneOf, key
+from toros_fem.base.keys import File, OneOf, Text, key
 from toros_fem.base.units import write_quantity
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.materials.library.files import named, read_library
@@ -25,16 +23,15 @@ TITLES: Mapping[str, str] = MappingProxyType(
 HEADER = ("name", "E", "ν", "thickness", "E h", "stretches", "trust")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Materials(Command):
+class Materials(Command, kw_only=True):
     """Lists materials that scenes know by name.
 
     Each has its modulus, thickness, range of stretches, trust and source. Scenes name them:
     fabric = "jersey-light", reinforcement = "tpu-95a", bladder = "dragon-skin-20".
     """
 
-    name: str | None = key(None, "show all of this material; none: a table of all")
-    file: tuple[Path, ...] = key(
+    name: Text | None = key(None, "show all of this material; none: a table of all")
+    file: tuple[File, ...] = key(
         (),
         "file of materials of your own, over the shipped ones; may be given several times",
     )

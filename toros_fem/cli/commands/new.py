@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 from mpi4py import MPI
 
 from toros_fem.base.files import naming, replace_file
-from toros_fem.base.keys import OneOf, key
+from toros_fem.base.keys import File, Flag, OneOf, Text, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.program import program
 from toros_fem.cli.command_line.command import Answer, Command
@@ -24,8 +24,7 @@ from toros_fem.materials.library.files import named, read_library
 from toros_fem.products.kinds import ABOUT, KINDS
 
 
-@dataclass(frozen=True, kw_only=True)
-class New(Command):
+class New(Command, kw_only=True):
     """Writes a commented scene file.
 
     The file has the keys that you are likely to change, each with its meaning, unit and bounds;
@@ -35,17 +34,17 @@ class New(Command):
     kind: Annotated[str, OneOf(tuple(KINDS))] = key(
         MISSING, "kind of the scene: " + "; ".join(f"{k} ({a})" for k, a in ABOUT.items())
     )
-    file: Path = key(MISSING, "file to write, mine.toml for instance")
-    force: bool = key(False, "overwrite a file that is there")
-    all: bool = key(False, "write every key, with its default")
-    fabric: str | None = key(None, "fabric by name, of `toros materials`; none takes jersey-light")
-    print: str | None = key(
+    file: File = key(MISSING, "file to write, mine.toml for instance")
+    force: Flag = key(False, "overwrite a file that is there")
+    all: Flag = key(False, "write every key, with its default")
+    fabric: Text | None = key(None, "fabric by name, of `toros materials`; none takes jersey-light")
+    print: Text | None = key(
         None,
         "reinforcement by name, of `toros materials`; none takes printed-tpu-95a-on-jersey, on "
         "another fabric printed-tpu-95a",
     )
-    bladder: str | None = key(None, "bladder by name, of `toros materials`")
-    schema: bool = key(
+    bladder: Text | None = key(None, "bladder by name, of `toros materials`")
+    schema: Flag = key(
         False,
         "also write a JSON schema beside it, by which an editor completes keys and marks wrong "
         "values",

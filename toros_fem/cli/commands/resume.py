@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
-from pathlib import Path
+from dataclasses import MISSING
 from typing import ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import key
+from toros_fem.base.keys import File, key
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scene_options import Changes, Meshes, Progress
 
 
-@dataclass(frozen=True, kw_only=True)
-class Resume(Changes, Meshes, Progress):
+class Resume(Changes, Meshes, Progress, kw_only=True):
     """Continues a run that was stopped, or one that should go further.
 
     The run continues from its last state, with the inputs that it began with (RUN/scene.toml), on
@@ -24,7 +22,7 @@ class Resume(Changes, Meshes, Progress):
     changes start a new run.
     """
 
-    run: Path = key(MISSING, "folder of the run")
+    run: File = key(MISSING, "folder of the run")
 
     WORDS: ClassVar = ("run",)
     TAKES: ClassVar = {**Changes.TAKES, **Progress.TAKES}

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
 from typing import ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import key
+from toros_fem.base.keys import File, key
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scene_options import RunCommand
 
 
-@dataclass(frozen=True, kw_only=True)
-class Simulate(RunCommand):
+class Simulate(RunCommand, kw_only=True):
     """Inflates a plain skin or a given pattern.
 
     The pressure rises to the scene's in curve_steps equal steps. The run's folder gets
     summary.json, curve.csv, skin.vtu and pictures.
     """
 
-    pattern: Path | None = key(
+    pattern: File | None = key(
         None,
         "folder of a finished design whose print is simulated; none: the skin where only what the "
         "scene prescribes is printed",

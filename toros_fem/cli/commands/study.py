@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
-from pathlib import Path
+from dataclasses import MISSING
 from typing import ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import key
+from toros_fem.base.keys import File, Flag, Text, key
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.exit_codes import DONE, NO_EQUILIBRIUM
 from toros_fem.cli.command_line.scene_options import SceneCommand
 
 
-@dataclass(frozen=True, kw_only=True)
-class Study(SceneCommand):
+class Study(SceneCommand, kw_only=True):
     """Runs a scene with all combinations of some values, and tabulates the results.
 
     Each run has its own folder in that of the study. study.csv has a row for each run, with its
@@ -23,13 +21,13 @@ class Study(SceneCommand):
     stopped: finished runs are kept, stopped ones continue, and you may give more values.
     """
 
-    over: tuple[str, ...] = key(
+    over: tuple[Text, ...] = key(
         MISSING,
         "values of a key: a list with commas, LOW..HIGH:COUNT for even steps, LOW..HIGH for whole "
         "numbers; may be given several times",
     )
-    output: Path = key(MISSING, "folder of the study, made if missing")
-    simulate: bool = key(False, "simulate each scene, and design nothing")
+    output: File = key(MISSING, "folder of the study, made if missing")
+    simulate: Flag = key(False, "simulate each scene, and design nothing")
 
     TAKES: ClassVar = {**SceneCommand.TAKES, "over": "KEY=VALUES", "output": "STUDY"}
     EXAMPLES: ClassVar = (

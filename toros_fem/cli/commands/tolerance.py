@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 from mpi4py import MPI
 
 from toros_fem.base.files import require_unused
-from toros_fem.base.keys import key
+from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.products.options import ToleranceConfig
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import ActuatorScene
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tolerance(Command, ToleranceConfig):
+class Tolerance(Command, ToleranceConfig, kw_only=True):
     """Simulates a print with wrong widths, materials and pressure.
 
     Lines are wider or narrower than drawn, materials stiffer or softer, the pressure is another.
@@ -28,12 +27,12 @@ class Tolerance(Command, ToleranceConfig):
     gets tolerance.json, tolerance.csv and tolerance.png.
     """
 
-    run: Path = key(MISSING, "folder of a finished design")
-    output: Path | None = key(
+    run: File = key(MISSING, "folder of a finished design")
+    output: File | None = key(
         None,
         "folder for the files, made if missing; none takes RUN, where `toros view` shows them",
     )
-    overwrite: bool = key(
+    overwrite: Flag = key(
         False, "replace files of these names in another folder than RUN; all others stay"
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.files import guarded, if_plotting, require_unused, write_json
-from toros_fem.base.keys import key
+from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.products.tables.unwrapping import Unwrapping
@@ -18,8 +18,7 @@ from toros_fem.products.tables.unwrapping import Unwrapping
 FILES = ("pattern.npz", "pattern.svg", "unwrap.png", "surface.vtu", "summary.json")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Unwrap(Command, Unwrapping):
+class Unwrap(Command, Unwrapping, kw_only=True):
     """Cuts a surface along seams and lays it flat as a sewing pattern.
 
     The surface is repaired and cut. Line elements in the file and the borders between its
@@ -28,13 +27,13 @@ class Unwrap(Command, Unwrapping):
     read, pattern.svg in true scale, unwrap.png, surface.vtu and summary.json.
     """
 
-    mesh: Path = key(MISSING, "triangle mesh, in STL, OBJ, PLY, MSH or XDMF")
-    output: Path | None = key(
+    mesh: File = key(MISSING, "triangle mesh, in STL, OBJ, PLY, MSH or XDMF")
+    output: File | None = key(
         None,
         "folder for the pattern, made if missing; none takes the name of MESH without its ending",
     )
-    overwrite: bool = key(False, "replace files of these names in the folder; all others stay")
-    verbose: bool = key(False, "print the distortion of each panel")
+    overwrite: Flag = key(False, "replace files of these names in the folder; all others stay")
+    verbose: Flag = key(False, "print the distortion of each panel")
 
     WORDS: ClassVar = ("mesh",)
     TAKES: ClassVar = {"output": "FOLDER"}

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import webbrowser
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import OneOf, key
+from toros_fem.base.keys import File, Flag, OneOf, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 
 
-@dataclass(frozen=True, kw_only=True)
-class View(Command):
+class View(Command, kw_only=True):
     """Writes the report of a run, a page for the browser.
 
     RUN/report.html shows the skin in space, over the pressure and over the iterations, its flat
@@ -23,11 +22,11 @@ class View(Command):
     shown as far as it has come.
     """
 
-    run: Path = key(MISSING, "folder of the run")
+    run: File = key(MISSING, "folder of the run")
     animation: Annotated[str, OneOf(("pressure", "iteration", "gait", "load"))] | None = key(
         None, "also write a film of the shapes over a series, as GIF and APNG"
     )
-    open: bool = key(False, "open the page in the browser")
+    open: Flag = key(False, "open the page in the browser")
 
     WORDS: ClassVar = ("run",)
     TAKES: ClassVar = {"animation": "SERIES"}

@@ -31,7 +31,10 @@ FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
     }
 )
 NAMES: Mapping[str, Key] = MappingProxyType(
-    {role: Key(role, str, f"name of a {kind}, for its numbers") for role, kind in KIND_OF.items()}
+    {
+        role: Key(role, str, str, f"name of a {kind}, for its numbers")
+        for role, kind in KIND_OF.items()
+    }
 )
 # Fields that not every kind of scene has.
 MASSES = ("fabric_mass", "print_mass")

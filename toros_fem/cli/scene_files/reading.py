@@ -7,23 +7,24 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from mpi4py import MPI
 
 from toros_fem.base.errors import FileError, OutlineError, ParameterError
-from toros_fem.base.keys import Key, Table, meant, nearest, plain_value
+from toros_fem.base.keys import Table, meant, nearest, plain_value
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.scene import Scene
-from toros_fem.base.toml_files.document import Document, at, read_text
-from toros_fem.base.toml_files.lines import Place
+from toros_fem.base.toml_file import Document, Place, at, read_text
 from toros_fem.base.validation import shown
-from toros_fem.cli.scene_files.layout import FILES, LIBRARY, QUICK, keys_of
+from toros_fem.cli.scene_files.layout import FILES, LIBRARY, QUICK, file_type, keys_of
 from toros_fem.cli.scene_files.materials import KIND_OF, numbers_of
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import KINDS
 
+# Stands for the table of keys that the command line changes.
+CHANGED = "--set"
 # Keys that a message names: with a value, or of several words.
 KEYS_IN_MESSAGE = re.compile(r"\b(\w+(?= = )|[a-z0-9]+_\w+)")
 
@@ -111,14 +112,12 @@ def read_scene(
     path = Path(path)
 
     def text() -> str:
-        return read_text(path, "a scene file", FileError)
+        return read_text(path, "a scene file")
 
     found = text() if comm is None else on_first_rank(comm, text)
     return _Reader(path, found).scene(comm, coarse, changes)
 
 
-# Stands for the table of keys that the command line changes.
-CHANGED = "--set"
 # Values by their keys.
 _Values = dict[str, Any]
 
@@ -132,15 +131,16 @@ class _Reader(Document):
     """One scene file, while it is read.
 
     Attributes:
-        keys: Keys of each table that stands once.
+        keys: Keys of each table.
         homes: The table of each key of the scene.
-        apart: Tables that hold no keys of the scene.
         changes: Changes of the command line, by the place of the content that they were put to.
+        over: Values of keys of the scene that the command line gives.
     """
 
     def __init__(self, path: Path, text: str) -> None:
-        super().__init__(path, text, FileError)
+        super().__init__(path, text)
         self.changes: dict[Place, str] = {}
+        self.over = _Values()
         name = self.content.get("kind")
         if name is None:
             known = ", ".join(KINDS)
@@ -149,81 +149,86 @@ class _Reader(Document):
             self.fail(("kind",), f"{name!r} is no kind; {nearest(name, KINDS)}")
         self.kind = KINDS[name]
         self.keys = keys_of(self.kind)
-        tables = [table for table in self.keys if table not in (FILES, QUICK)]
-        self.homes = {key: table for table in tables for key in self.keys[table]}
-        self.apart = (FILES, *self.kind.entries())
+        once = self.kind.tables()
+        self.homes = {key: table for table in once for key in self.keys[table]}
 
-    def fail(self, place: Place, message: str) -> NoReturn:
-        """Raise the error of a key of the file, or of a change."""
-        if place in self.changes:
-            text, key = self.changes[place], str(place[-1])
-            raise FileError(f"change {shown(text)}: {message}", key=key) from None
-        super().fail(place, message)
+    def failed(self, place: Place, message: str) -> FileError:
+        """Return the error of a key of the file, or of a change."""
+        change = self.changes.get((*place[:1], *place[-1:]))
+        if change is not None:
+            return FileError(f"change {shown(change)}: {message}", key=str(place[-1]))
+        return super().failed(place, message)
 
     def scene(self, comm: MPI.Comm | None, coarse: bool, changes: Sequence[str]) -> SceneFile:
         """Return the scene, with changes that stand over the file and its quick variant."""
-        entries = self.kind.entries()
-        for name, value in self.content.items():
-            word = "table" if isinstance(value, dict | list) else "key"
-            self.require_known((name,), name, ["kind", *self.keys, *entries], word)
         for text in changes:
             self.change(text)
-        self.keys[CHANGED] = self.keys[QUICK]
-        tables = {
-            name: self.table((name,), self.content.get(name, {}), keys)
-            for name, keys in self.keys.items()
+        content = self.values(file_type(self.kind), self.keys)
+        files, quick = content.pop(FILES, {}), content.pop(QUICK, {})
+        for name, path in files.items():
+            if path is not None and (FILES, name) not in self.changes:
+                files[name] = self.path.parent / path
+        given = {
+            key: content[at][key] for key, at in self.homes.items() if key in content.get(at, ())
         }
-        files, quick, over = tables[FILES], tables[QUICK], tables[CHANGED]
-        given = {key: tables[at][key] for key, at in self.homes.items() if key in tables[at]}
-        given |= {name: self.rows(name, of) for name, of in entries.items()}
+        given |= {name: self.rows(name, of, content) for name, of in self.kind.entries().items()}
 
         own = files.pop(LIBRARY, None)
         if LIBRARY in self.keys[FILES]:
             library = read_library(*([] if own is None else [own]), comm=comm)
-            for table, values in (("", given), (QUICK, quick), (CHANGED, over)):
+            for table, values in (("", given), (QUICK, quick), (CHANGED, self.over)):
                 self.name_materials(table, values, library)
         layers, instead = [("", given)], dict[str, Any]()
         if coarse:
             plain, _ = self.resolved(layers)
             coarser = _coarser(plain)
             layers += [("", coarser), (QUICK, quick)]
-            known = (coarser.keys() | quick.keys()) & plain.described().keys() - over.keys()
+            known = (coarser.keys() | quick.keys()) & plain.described().keys() - self.over.keys()
             instead = {key: plain.value(key) for key in plain.described() if key in known}
-        config, materials = self.resolved([*layers, (CHANGED, over)])
+        config, materials = self.resolved([*layers, (CHANGED, self.over)])
         files = {name: path for name, path in files.items() if path is not None}
         lines = {
             f"{FILES}.{place[1]}" if place[0] == FILES else str(place[-1]): line
             for place, line in self.lines.items()
-            if len(place) == 2 and place not in self.changes and place[1] not in over
+            if len(place) == 2 and place not in self.changes and place[1] not in self.over
         }
         return SceneFile(self.path, self.kind, config, files, lines, materials, instead)
 
     def change(self, text: str) -> None:
-        """Put a change TABLE.KEY=VALUE, whose table may be missing, into the content."""
+        """Take a change TABLE.KEY=VALUE, whose table may be missing."""
         name, equals, value = text.partition("=")
         table, _, key = name.strip().rpartition(".")
         if not equals or not key:
             advice = "write KEY=VALUE, design.seed=3 for instance."
             raise FileError(f"change {shown(text)}: {advice}", key=key)
-        known = [one for one in (*self.keys, *self.kind.entries()) if one != QUICK]
-        at: Place = (table if table in self.apart else CHANGED,)
-        self.changes[*at, key] = text
-        if table:
-            self.require_known((*at, key), table, known, "table")
-        if at == (CHANGED,):
-            self.require_known((*at, key), key, self.keys[table or QUICK])
-        home = self.content.setdefault(str(at[0]), {})
-        if isinstance(home, list):
-            if len(home) != 1:
-                self.fail((*at, key), f"the file has {len(home)} tables {table}; edit it.")
-            at, home = (table, 0), home[0]
-            self.changes[*at, key] = text
-        if isinstance(home, dict):  # otherwise the table is refused
-            home[key] = plain_value(value)
+        entries = self.kind.entries()
+        apart = table == FILES or table in entries
+        at: Place = (table if apart else CHANGED, key)
+        self.changes[at] = text
+        known = [one for one in self.keys if one != QUICK]
+        if table and table not in known:
+            self.fail(at, f"unknown table {shown(table)}; {nearest(table, known)}")
+        if apart:
+            home = self.content.setdefault(table, {})
+            if isinstance(home, list):
+                if len(home) != 1:
+                    self.fail(at, f"the file has {len(home)} tables {table}; edit it.")
+                home = home[0]
+            if isinstance(home, dict):  # otherwise the table is refused
+                home[key] = plain_value(value)
+            return
+        own = self.keys[table or QUICK]
+        if key not in own:
+            self.fail(at, self.unknown(at, "key", own))
+        try:
+            self.over[key] = own[key].read(plain_value(value))
+        except ParameterError as caught:
+            self.fail(at, str(caught))
 
     def advice(self, place: Place, name: str, known: Collection[str]) -> str:
         """Return the nearest known word, or the table in which a key stands."""
-        homes = {} if place[0] in self.apart else self.homes
+        apart = place[0] == FILES or place[0] in self.kind.entries()
+        homes = {} if apart else self.homes
         if name in homes:
             return f"it stands in the table [{homes[name]}]."
         if place[0] == CHANGED and name in self.keys[FILES]:
@@ -233,24 +238,14 @@ class _Reader(Document):
             return f"did you mean {far!r}, in the table [{homes[far]}]?"
         return nearest(name, known)
 
-    def table(self, at: Place, content: Any, keys: Mapping[str, Key]) -> _Values:
-        """Return the values of the table at a place; paths of the file are relative to it."""
-        found = super().table(at, content, keys)
-        for name, path in found.items():
-            if isinstance(path, Path) and (*at, name) not in self.changes:
-                found[name] = self.path.parent / path
-        return found
-
-    def rows(self, name: str, of: type[Table]) -> list[Table]:
-        """Return the tables of a name, which may stand once as [name], or as several [[name]]."""
-        content, found = self.content.get(name, []), list[Table]()
-        listed = [content] if isinstance(content, dict) else content
-        if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
-            self.fail((name,), f"must be a table [{name}], or several [[{name}]].")
-        for number, one in enumerate(listed):
-            at: Place = (name,) if one is content else (name, number)
-            found.append(self.made(of, at, self.table(at, one, of.described())))
-        return found
+    def rows(self, name: str, of: type[Table], content: _Values) -> list[Table]:
+        """Return the tables of a name, which may stand several times."""
+        once = isinstance(self.content.get(name), dict)
+        rows: list[_Values] = content.get(name, [])
+        return [
+            self.made(of, (name,) if once else (name, number), one)
+            for number, one in enumerate(rows)
+        ]
 
     def name_materials(
         self, table: str, values: _Values, library: Mapping[str, LibraryMaterial]

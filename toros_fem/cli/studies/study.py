@@ -19,7 +19,7 @@ from toros_fem.base.files import guarded, if_plotting, require_unused, write_tab
 from toros_fem.base.keys import Key, nearest, plain_value
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.running import inputs_of, run_scene
-from toros_fem.cli.scene_files.layout import FILES, QUICK, keys_of
+from toros_fem.cli.scene_files.layout import QUICK, keys_of
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.results.runs.files import RECORD, STATE
 from toros_fem.results.runs.folder import EVERY, read_record
@@ -106,10 +106,7 @@ def _varied(
     scene: SceneFile, over: Mapping[str, Sequence[Any]] | Sequence[str]
 ) -> tuple[dict[str, Key], dict[str, Sequence[Any]]]:
     """Return the keys that vary, and their values."""
-    tables = keys_of(scene.kind)
-    known = {
-        key: one for at in tables if at not in (FILES, QUICK) for key, one in tables[at].items()
-    }
+    known = keys_of(scene.kind)[QUICK]
     given = over.items() if isinstance(over, Mapping) else (values_of(one, known) for one in over)
     varied: dict[str, Sequence[Any]] = {}
     for name, several in given:

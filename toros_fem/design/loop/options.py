@@ -11,7 +11,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import Count, Factor, Fraction, In, Number, Positive, Table, key
+from toros_fem.base.keys import Count, Factor, Flag, Fraction, In, Number, Positive, Table, key
 from toros_fem.design.mma.optimizer import MMAOptions
 
 # What a stage may end below: smaller numbers are rounding.
@@ -24,7 +24,6 @@ LOST = 2.0
 SOFT_START = ((0.3, 0.2), (0.3, 0.4))
 
 
-@dataclass(frozen=True)
 class Stage(Table):
     """A part of the design loop in which the problem does not change.
 
@@ -34,7 +33,7 @@ class Stage(Table):
 
     iterations: Count = key(MISSING, "largest number of MMA steps")
     beta: Positive | None = key(None, "steepness β of the projection; none keeps the problem's")
-    constrained: bool = key(
+    constrained: Flag = key(
         False, "whether the problem's width constraints are enforced; they are reported either way"
     )
     tighten: Annotated[float, In(above=0, below=1)] = key(
@@ -42,7 +41,6 @@ class Stage(Table):
     )
 
 
-@dataclass(frozen=True)
 class DesignOptions(Table):
     """Stages, stop rules and step control of the design loop.
 
@@ -55,7 +53,7 @@ class DesignOptions(Table):
     """
 
     stages: tuple[Stage, ...] = key((Stage(60),), "the stages, run one after the other")
-    soft_start: bool = key(
+    soft_start: Flag = key(
         True,
         "whether a first stage that starts from noise begins with a fifth, then two fifths of β, "
         "unless it sets β",
@@ -80,7 +78,6 @@ class DesignOptions(Table):
     mma: MMAOptions = key(MMAOptions(), "parameters of MMA")
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if not self.stages:
             raise ParameterError("stages is empty; give at least one Stage.")
 

@@ -32,7 +32,6 @@ GRADED = 5.0  # times ab/(a² + b²) of two moves: they count in full up to a ra
 ROUNDING = 1e-10  # of a function's largest change: a smaller excess counts as rounding
 
 
-@dataclass(frozen=True)
 class MMAOptions(Table):
     """Svanberg's parameters; the defaults are his except for the move limit."""
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
+from pydantic import TypeAdapter
 
 from toros_fem.base.errors import FileError
 from toros_fem.base.files import naming, replace_file
-from toros_fem.base.keys import nearest
+from toros_fem.base.keys import given_of, nearest, typed
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.toml_files.document import Document, read_text
-from toros_fem.base.toml_files.lines import key_lines
+from toros_fem.base.toml_file import Document, key_lines, read_text
 from toros_fem.base.validation import checked_path, require_kind
 from toros_fem.materials.library.material import LibraryMaterial
 
@@ -45,9 +45,14 @@ def read_library(*paths: str | Path, comm: MPI.Comm | None = None) -> Mapping[st
 
 def read_materials(path: Path, text: str | None = None) -> dict[str, LibraryMaterial]:
     """Return the materials of one file by name, in its order; of a text that it may hold."""
-    text = read_text(path, WHAT, FileError) if text is None else text
-    document = Document(path, text, FileError)
-    return {name: _entry(document, name, values) for name, values in document.content.items()}
+    text = read_text(path, WHAT) if text is None else text
+    document = Document(path, text)
+    names = dict.fromkeys(document.content, KEYS)
+    entry = given_of("material", LibraryMaterial.holds(), KEYS)
+    content = document.values(
+        TypeAdapter(typed("materials", WHAT, dict.fromkeys(names, entry))), names
+    )
+    return {name: _entry(document, name, values) for name, values in content.items()}
 
 
 def named(
@@ -79,7 +84,7 @@ def write_material(path: str | Path, entry: LibraryMaterial) -> None:
     path = checked_path("path", path, FileError)
     require_kind("entry", entry, LibraryMaterial, "a LibraryMaterial")
     mode = path.stat().st_mode if path.exists() else None
-    text = HEAD if mode is None else read_text(path, WHAT, FileError)
+    text = HEAD if mode is None else read_text(path, WHAT)
     wanted, changed = {**read_materials(path, text), entry.name: entry}, _replaced(text, entry)
     try:
         found = read_materials(path, changed)
@@ -108,8 +113,7 @@ def material_text(entry: LibraryMaterial) -> str:
     return "\n".join([f"[{entry.name}]", *lines, ""])
 
 
-def _entry(document: Document, name: str, content: Any) -> LibraryMaterial:
-    values = document.table((name,), content, KEYS)
+def _entry(document: Document, name: str, values: dict[str, Any]) -> LibraryMaterial:
     lacking = [key for key, one in KEYS.items() if one.default is MISSING and key not in values]
     if lacking:
         document.fail((name,), f"it has no {', '.join(lacking)}.")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
 from types import MappingProxyType
 from typing import Annotated
 
-from toros_fem.base.keys import In, OneOf, Poisson, Table, key
+from toros_fem.base.keys import Flag, In, OneOf, Poisson, Real, Table, Text, key
 from toros_fem.materials.sheet import STIFFEST, Bladder, Material
 
 # Kinds of materials.
@@ -30,17 +30,16 @@ LENGTHS = {"title": 60, "source": 600, "note": 600}
 LEAST, LARGEST = In(above=0, at_most=1), In(above=1, at_most=20)
 
 
-@dataclass(frozen=True, kw_only=True)
-class LibraryMaterial(Table):
+class LibraryMaterial(Table, kw_only=True):
     """Material of a library; SI units.
 
     Raises:
         ParameterError: A value is out of its bounds, or does not belong to the kind.
     """
 
-    name: str = key(MISSING, "name in scene files, of letters, digits, - and _")
+    name: Text = key(MISSING, "name in scene files, of letters, digits, - and _")
     kind: Annotated[str, OneOf(MATERIAL_KINDS)] = key(MISSING, "what it is")
-    title: str = key(MISSING, "what it is called, in some words")
+    title: Text = key(MISSING, "what it is called, in some words")
     young: Annotated[float, In("Pa", above=0, at_most=STIFFEST)] = key(
         MISSING, "Young's modulus at small strain; of a knit, along its wales"
     )
@@ -58,23 +57,22 @@ class LibraryMaterial(Table):
     density: Annotated[float, In("kg/m²", above=0, at_most=100)] | None = key(
         None, "mass per flat area; none if it is not known"
     )
-    with_fabric: bool = key(
+    with_fabric: Flag = key(
         False,
         "whether the values of a print are those of print and fabric as one sheet, as a pull test "
         "of printed fabric gives them, and not of the printed layer alone",
     )
-    stretch_range: tuple[float, float] = key(
+    stretch_range: tuple[Real, Real] = key(
         MISSING, "least and largest stretch within which the values hold; 1 lies between"
     )
     trust: Annotated[str, OneOf(tuple(TRUSTS))] = key(MISSING, "how far values may be trusted")
-    source: str = key(MISSING, "where the values come from: a test, a paper, a data sheet")
-    note: str | None = key(None, "what else is to be known; none for nothing")
+    source: Text = key(MISSING, "where the values come from: a test, a paper, a data sheet")
+    note: Text | None = key(None, "what else is to be known; none for nothing")
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         for name, right, why in self._rules():
             if not right:
-                self.described()[name].refuse(getattr(self, name), why)
+                raise self.described()[name].refusal(getattr(self, name), why)
 
     @property
     def tested_stretch(self) -> float:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from toros_fem.base.keys import Count, Fraction, In, Table, key
 
 
-@dataclass(frozen=True)
 class NewtonOptions(Table):
     """Tolerance and limits of the equilibrium solver.
 

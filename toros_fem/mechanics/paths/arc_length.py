@@ -10,7 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import In, Positive, Table, key
+from toros_fem.base.keys import In, Positive, Real, Table, key
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.assembly.tangent import UpperTangent
@@ -34,7 +34,6 @@ FAR = 0.5
 TURN = 0.7
 
 
-@dataclass(frozen=True)
 class ArcLengthOptions(Table):
     """Where a path by arc length begins and ends, and how densely it is followed.
 
@@ -42,20 +41,19 @@ class ArcLengthOptions(Table):
         ParameterError: A value is outside its bounds, or the first increment is zero.
     """
 
-    first: float = key(0.05, "load factor of the first point")
-    first_increment: float = key(
+    first: Real = key(0.05, "load factor of the first point")
+    first_increment: Real = key(
         0.05, "change of the load factor to the second point; negative: the path begins downwards"
     )
     largest_increment: Positive = key(0.1, "largest change of the load factor between two points")
     largest_movement: Positive = key(
         0.02, "largest movement of a vertex between two points, over the skin's size"
     )
-    lowest: float | None = key(0.0, "load factor at which the path ends when it falls to it")
-    highest: float | None = key(1.0, "load factor at which the path ends when it rises to it")
+    lowest: Real | None = key(0.0, "load factor at which the path ends when it falls to it")
+    highest: Real | None = key(1.0, "load factor at which the path ends when it rises to it")
     max_points: Annotated[int, In(at_least=2)] | None = key(200, "largest number of points")
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.first_increment == 0:
             raise ParameterError("first_increment = 0 has no direction; it must not be zero.")
 

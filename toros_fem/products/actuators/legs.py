@@ -22,7 +22,6 @@ CROSS_SECTIONS, OUTER_CROSS_SECTIONS = 12, 4
 TIP = 0.05
 
 
-@dataclass(frozen=True)
 class LegWeights(Orientation):
     """What counts in the objective."""
 

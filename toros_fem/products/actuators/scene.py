@@ -86,7 +86,6 @@ class Level:
         )
 
 
-@dataclass(frozen=True)
 class MeshedScene(Scene):
     """Tables of a skin that is designed, its meshes, and the options of the design on each.
 
@@ -104,7 +103,6 @@ class MeshedScene(Scene):
     results: Results = Results()
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         most = self._most_levels
         if self.design.levels is not None and self.design.levels > most:
             bound = self.coarsest_edge
@@ -275,7 +273,6 @@ class MeshedScene(Scene):
         )
 
 
-@dataclass(frozen=True)
 class ActuatorScene(MeshedScene):
     """A skin that is designed for a shape: its targets, its trial, and what commands run."""
 

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toros_fem.base.errors import FileError, ParameterError
-from toros_fem.base.toml_files.document import read_text
+from toros_fem.base.toml_file import read_text
 from toros_fem.base.units import read_quantity
 from toros_fem.base.validation import checked_list, require_choice, require_kind, require_positive
 from toros_fem.products.fitting.columns import (
@@ -187,7 +187,7 @@ def _decoded(content: bytes) -> str:
 
 def _tables(path: Path, given: Given) -> Iterator[_Table]:
     """Yield the tables of a file, one below the other or side by side."""
-    text = read_text(path, "a table of a tensile test", FileError, "table", _decoded)
+    text = read_text(path, "a table of a tensile test", "table", _decoded)
     lines = {k: line for k, line in enumerate(re.split("[\r\n]", text), start=1) if line.strip()}
     marks = MARKS
     if lines and (match := re.fullmatch(r'"?sep=(.)"?', lines[first := min(lines)].strip(), re.I)):

@@ -13,7 +13,7 @@ The printed gripper then lifts the object from a thin post, see `load.py`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -22,7 +22,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import Distance, Factor, In, Length, OneOf, Positive, Table, key
+from toros_fem.base.keys import Distance, Factor, In, Length, OneOf, Positive, Table, Text, key
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
@@ -59,7 +59,6 @@ TIP_TWELFTHS = 3  # of the finger beyond its root, whose angle is measured
 ROUNDING = 1 + 1e-9  # of lengths up to which a vertex is held
 
 
-@dataclass(frozen=True)
 class GripTarget(Table):
     """Shape that is asked for."""
 
@@ -88,14 +87,13 @@ class GripTarget(Table):
     )
 
 
-@dataclass(frozen=True)
 class Gripped(Table):
     """What is gripped."""
 
     shape: Annotated[str, OneOf(SHAPES)] = key("sphere", "shape of the object")
     size: Length = key(0.05, "diameter of the sphere or edge of the box")
     mass: Annotated[float, In("kg", above=0)] = key(0.1, "mass of the object")
-    object_mesh: str | None = key(
+    object_mesh: Text | None = key(
         None,
         "mesh file of an object to be lifted in the place of the shape that is designed for, its z "
         "upwards; none lifts that shape",
@@ -112,7 +110,6 @@ class Gripped(Table):
     }
 
 
-@dataclass(frozen=True)
 class FingerSizes(Table):
     """Sizes and mesh."""
 
@@ -128,7 +125,6 @@ class FingerSizes(Table):
     edge_length: Length = key(1.2e-3, "edge length of the mesh")
 
 
-@dataclass(frozen=True)
 class GripWeights(LegWeights):
     """What counts in the objective."""
 
@@ -139,7 +135,6 @@ class GripWeights(LegWeights):
     holding_weight: Factor = key(0.1, "weight of the holding force that is missing")
 
 
-@dataclass(frozen=True)
 class GripperScene(ActuatorScene):
     """The gripper.
 
@@ -171,7 +166,6 @@ class GripperScene(ActuatorScene):
     OUTLINE: ClassVar = {"root": "root_length"}
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         sizes = self.skin
         if not sizes.root_length <= sizes.stem_length < sizes.finger_length:
             raise ParameterError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, Self
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import OneOf, Table, key
+from toros_fem.base.keys import OneOf, Real, Table, Text, key
 from toros_fem.measures.between_regions import (
     bend_between,
     length_between,
@@ -35,7 +35,6 @@ LENGTH_SCALE = 0.2
 WORDS = re.compile(r"\s*(?P<measure>\S+)\s+of\s+(?P<of>.+?)(?:\s+against\s+(?P<against>.+))?\s*")
 
 
-@dataclass(frozen=True)
 class Measured(Table):
     """A number to judge by: how a region has turned or moved.
 
@@ -49,12 +48,12 @@ class Measured(Table):
         "axis, the length between the regions' means over the assembled one, the way of the mean "
         "along x, y or z, the lean of the axis, or with tip these four",
     )
-    of: str | None = key(
+    of: Text | None = key(
         None, 'region that is measured: a condition, "z > 70 mm" for instance, or names of panels'
     )
-    against: str | None = key(None, "region that it is seen from; none: it is seen from space")
-    name: str | None = key(None, "name of the number; none takes that of the measure")
-    target: float | None = key(
+    against: Text | None = key(None, "region that it is seen from; none: it is seen from space")
+    name: Text | None = key(None, "name of the number; none takes that of the measure")
+    target: Real | None = key(
         None, "target in deg, mm, or over the assembled length; none: the number is only watched"
     )
     axis: Annotated[str, OneOf(DIRECTIONS)] | None = key(
@@ -65,7 +64,6 @@ class Measured(Table):
     )
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         for refused, where, why in (
             (self.of is None, "of", 'a metric needs of = "z > 70 mm" for instance.'),
             (

@@ -10,10 +10,11 @@ from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from mpi4py import MPI
+from pydantic import InstanceOf
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, PatternError, SurfaceError
-from toros_fem.base.keys import Count, Distance, In, Length, OneOf, Place, Table, key
+from toros_fem.base.keys import Count, Distance, In, Length, OneOf, Place, Table, Text, key
 from toros_fem.base.scene import NO_TABLE
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
@@ -61,7 +62,6 @@ TARGET = {
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
 class Held(Region):
     """Where the skin is held."""
 
@@ -70,17 +70,14 @@ class Held(Region):
     )
 
 
-@dataclass(frozen=True)
 class Printed(Region):
     """Where it is printed all over."""
 
 
-@dataclass(frozen=True)
 class Plain(Region):
     """Where nothing is printed."""
 
 
-@dataclass(frozen=True)
 class Deformed(Table):
     """Shape that is asked for."""
 
@@ -131,7 +128,6 @@ class Deformed(Table):
         return axis.deformer(bend, twist, (self.shorten or 0.0) / 100, neutral)
 
 
-@dataclass(frozen=True)
 class MeshFile(Unwrapping):
     """Sizes and mesh."""
 
@@ -147,7 +143,6 @@ class MeshFile(Unwrapping):
     )
 
 
-@dataclass(frozen=True)
 class OwnWeights(SectionWeights):
     """What counts in the objective.
 
@@ -158,7 +153,7 @@ class OwnWeights(SectionWeights):
     counted: Annotated[str, OneOf(("shape", "cross-sections"))] = key(
         "shape", "what counts: the whole shape, or cross-sections only, which may swell freely"
     )
-    metrics: str | None = key(
+    metrics: Text | None = key(
         None,
         f"numbers to judge by, of {', '.join(METRICS)}, with commas between them; none takes those "
         "of the target",
@@ -166,7 +161,6 @@ class OwnWeights(SectionWeights):
     cross_sections: Count = key(12, "number of cross-sections")
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         for name in self.metric_names or ():
             if name not in METRICS:
                 known = ", ".join(METRICS)
@@ -195,7 +189,6 @@ class OwnWeights(SectionWeights):
         return self.shape_part(whole, tip, tip, float(radius))
 
 
-@dataclass(frozen=True)
 class OwnDesigning(Designing):
     """Steps, filter and start of the design."""
 
@@ -245,7 +238,6 @@ class OwnSkin:
         return float(lengths(self.pattern.points, half_edges(self.pattern.triangles)).mean())
 
 
-@dataclass(frozen=True)
 class OwnMeshScene(ActuatorScene):
     """A skin of your own."""
 
@@ -281,7 +273,9 @@ class OwnMeshScene(ActuatorScene):
     }
 
     # What the files hold, once they are read.
-    read: OwnSkin | None = field(default=None, repr=False, compare=False, metadata=NO_TABLE)
+    read: InstanceOf[OwnSkin] | None = field(
+        default=None, repr=False, compare=False, metadata=NO_TABLE
+    )
 
     @classmethod
     def example(cls) -> Self:

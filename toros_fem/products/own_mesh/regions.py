@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import Table, key
+from toros_fem.base.keys import Table, Text, key
 from toros_fem.meshes.conditions import AXES, Expression
 from toros_fem.meshes.pattern import Pattern
 
 
-@dataclass(frozen=True)
 class Region(Table):
     """A region of a skin.
 
@@ -22,17 +20,16 @@ class Region(Table):
         ParameterError: Neither a condition nor panels are given, or the condition is wrong.
     """
 
-    where: str | None = key(
+    where: Text | None = key(
         None, 'condition on the coordinates of the assembled skin, "z < 5 mm" for instance'
     )
-    panels: str | None = key(
+    panels: Text | None = key(
         None,
         "names of panels, or of parts of the mesh file, with commas between them; with a "
         "condition, where it holds on them",
     )
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.where is None and self.panels is None:
             raise ParameterError('a region needs where = "z < 5 mm", for instance, or panels.')
         if self.where is not None:

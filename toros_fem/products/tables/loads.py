@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -12,6 +11,7 @@ from toros_fem.base.keys import (
     Count,
     Distance,
     Factor,
+    Flag,
     Fraction,
     In,
     Length,
@@ -27,19 +27,17 @@ from toros_fem.measures.shape import ShapePart
 from toros_fem.meshes.pattern import Pattern
 
 
-@dataclass(frozen=True)
 class Pressing(Table):
     """Pressure."""
 
     pressure: Pressure = key(
         10e3, "most that the pump gives: a design takes what its target wants, a simulation all"
     )
-    hold_pressure: bool = key(
+    hold_pressure: Flag = key(
         False, "design for exactly this pressure, and not for the least that the target wants"
     )
 
 
-@dataclass(frozen=True)
 class Contacts(Table):
     """Contact and friction."""
 
@@ -53,7 +51,6 @@ class Contacts(Table):
     )
 
 
-@dataclass(frozen=True)
 class Orientation(Table):
     """What counts in the objective."""
 
@@ -62,7 +59,6 @@ class Orientation(Table):
     )
 
 
-@dataclass(frozen=True)
 class TipWeights(Orientation):
     """What counts in the objective."""
 
@@ -85,7 +81,6 @@ class TipWeights(Orientation):
         return ShapePart(weights, relative)
 
 
-@dataclass(frozen=True)
 class SectionWeights(TipWeights):
     """What counts in the objective."""
 
@@ -115,11 +110,10 @@ class SectionWeights(TipWeights):
         return CrossSections(labels, np.outer(fraction, components), orientation)
 
 
-@dataclass(frozen=True)
 class Results(Table):
     """What is simulated of the print, and what counts as reached."""
 
-    estimate_error: bool = key(
+    estimate_error: Flag = key(
         True,
         "estimate the discretisation error of the metrics, from other meshes",
         free=True,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -23,7 +23,6 @@ from toros_fem.materials.sheet import (
 )
 
 
-@dataclass(frozen=True)
 class Sheets(Table):
     """Fabric, print and bladder."""
 
@@ -75,7 +74,6 @@ class Sheets(Table):
         )
 
 
-@dataclass(frozen=True)
 class SkinSheets(Sheets):
     """Fabric, print and bladder."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from toros_fem.base.keys import (
@@ -15,6 +14,7 @@ from toros_fem.base.keys import (
     Number,
     OneOf,
     Positive,
+    Real,
     Table,
     key,
 )
@@ -31,7 +31,6 @@ from toros_fem.making.print.printability import PrintLimits
 STARTS = ("random", "relaxed")
 
 
-@dataclass(frozen=True)
 class Filtering(Table):
     """Steps, filter and start of the design."""
 
@@ -50,7 +49,7 @@ class Filtering(Table):
         None, "weight of the perimeter term; none leaves it out"
     )
     perimeter_window: Positive = key(1.0, "radius of the perimeter's window over R")
-    perimeter_sharpness: float = key(
+    perimeter_sharpness: Real = key(
         SHARPNESS, "w of eq. (15): above 0 it erodes the print, as in the paper, below 0 the fabric"
     )
 
@@ -64,7 +63,6 @@ class Filtering(Table):
         return Projection(self.beta, self.eta, self.power)
 
 
-@dataclass(frozen=True)
 class Stepping(Table):
     """Steps, filter and start of the design."""
 
@@ -120,7 +118,6 @@ class Stepping(Table):
     )
 
 
-@dataclass(frozen=True)
 class Designing(Filtering, Stepping):
     """Steps, filter and start of the design."""
 
@@ -179,7 +176,6 @@ class Designing(Filtering, Stepping):
         )
 
 
-@dataclass(frozen=True)
 class Lines(Table):
     """Relaxed designs and their printable lines."""
 
@@ -242,7 +238,6 @@ class Lines(Table):
         return self.laid_width, second
 
 
-@dataclass(frozen=True)
 class Printer(Table):
     """Printer."""
 

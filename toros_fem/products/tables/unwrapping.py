@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:  # `toros unwrap --help` needs no meshes
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
 class Unwrapping(Table):
     """How a mesh file is read, cut and laid flat."""
 

@@ -10,7 +10,7 @@ from typing import Annotated
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.keys import Count, In, Number, Positive, Table, key
+from toros_fem.base.keys import Count, Flag, In, Number, Positive, Table, key
 from toros_fem.base.scene import Scene
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
@@ -33,14 +33,12 @@ from toros_fem.products.tiles.stiffness_profile import (
 )
 
 
-@dataclass(frozen=True)
 class Pull(Table):
     """Pull test."""
 
     strain: Annotated[float, In(above=-1)] = key(0.1, "strain λ − 1 at which stiffness is computed")
 
 
-@dataclass(frozen=True)
 class Searching(Filtering):
     """Steps, filter and start of the design.
 
@@ -78,10 +76,9 @@ class Searching(Filtering):
     tolerance: Positive = key(
         0.02, "relative deviation of a printed stiffness that needs no correction"
     )
-    constrained: bool = key(True, "width constraints in all steps")
+    constrained: Flag = key(True, "width constraints in all steps")
 
 
-@dataclass(frozen=True)
 class TileDesignScene(Scene):
     """Strain, materials, search and printer of a tile design."""
 

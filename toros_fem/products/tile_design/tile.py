@@ -15,7 +15,6 @@ of the result.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -64,7 +63,6 @@ PRESCRIBED = tuple(STIFFNESSES)
 QUADRATIC = 4.0
 
 
-@dataclass(frozen=True)
 class TileTarget(Table):
     """Shape or stiffness that is asked for."""
 
@@ -92,7 +90,6 @@ class TileTarget(Table):
     }
 
 
-@dataclass(frozen=True)
 class TileSizes(Table):
     """Sizes and mesh.
 
@@ -105,7 +102,6 @@ class TileSizes(Table):
     mesh: Annotated[str, OneOf(KINDS)] = key("crossed", "kind of mesh")
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.edge_length > self.size / 5:
             raise ParameterError(
                 f"edge_length = {self.edge_length:g} m must be at most {self.size / 5:g} m, a "
@@ -114,7 +110,6 @@ class TileSizes(Table):
             )
 
 
-@dataclass(frozen=True)
 class TileScene(TileDesignScene):
     """Target and mesh of the tile, and its design."""
 

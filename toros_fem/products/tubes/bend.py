@@ -8,7 +8,6 @@ counts as much as all the rest. The target is symmetric about y = 0, so half the
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -25,7 +24,6 @@ from toros_fem.products.tables.targets import BendAngle, bend_key
 from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric
 
 
-@dataclass(frozen=True)
 class BendTarget(Table):
     """Shape that is asked for."""
 
@@ -43,7 +41,6 @@ class BendTarget(Table):
         yield from skin.bend("angle", self.angle, length, skin.radius + self.neutral)
 
 
-@dataclass(frozen=True)
 class BendScene(TubeScene):
     """The bending tube."""
 

@@ -6,7 +6,6 @@ The positions and orientations of cross-sections and of the tip count; the skin 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -22,14 +21,12 @@ from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric, twist_metric
 
 
-@dataclass(frozen=True)
 class BendTwistTarget(BendTarget):
     """Shape that is asked for."""
 
     twist: TwistAngle = twist_key(60.0)
 
 
-@dataclass(frozen=True)
 class BendTwistScene(SectionTubeScene):
     """The tube that bends and twists."""
 

@@ -7,7 +7,6 @@ that all of them stay perpendicular to it. Half the tube is designed, by symmetr
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
 from mpi4py import MPI
@@ -29,14 +28,12 @@ from toros_fem.products.tubes.tube import (
 )
 
 
-@dataclass(frozen=True)
 class ContractTarget(Table):
     """Shape that is asked for."""
 
     contraction: Shortening = shortening_key(8.0)
 
 
-@dataclass(frozen=True)
 class ContractScene(SectionTubeScene):
     """The tube that shortens."""
 

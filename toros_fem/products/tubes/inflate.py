@@ -41,7 +41,6 @@ SLACK = 0.01
 PROBE_AROUND, PROBE_ALONG = 36, 6
 
 
-@dataclass(frozen=True)
 class Curve(Table):
     """Pressure.
 
@@ -54,7 +53,6 @@ class Curve(Table):
     levels: Annotated[int, In(at_least=2)] = key(40, "number of equal steps to the last pressure")
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if not self.pressure < self.highest_pressure:
             raise ParameterError(
                 f"pressure = {self.pressure:g} Pa must be below highest_pressure = "
@@ -63,7 +61,6 @@ class Curve(Table):
             )
 
 
-@dataclass(frozen=True)
 class InflateScene(Scene):
     """The inflated tube."""
 

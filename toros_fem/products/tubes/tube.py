@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.keys import Length, OneOf, Table, key
+from toros_fem.base.keys import Flag, Length, OneOf, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Bending
 from toros_fem.measures.cross_sections import label_cross_sections
@@ -40,7 +40,6 @@ LEAST_AROUND, LEAST_ALONG = 18, 6
 LENGTH_SCALE = 0.2
 
 
-@dataclass(frozen=True)
 class Tube(Table):
     """Sizes and mesh."""
 
@@ -56,11 +55,10 @@ class Tube(Table):
         return cylinder(comm, self.length, self.diameter, edge, mesh=self.mesh, planes=planes)
 
 
-@dataclass(frozen=True)
 class SymmetricTube(Tube):
     """Sizes and mesh."""
 
-    whole: bool = key(False, "simulate the whole tube and not its part between the planes")
+    whole: Flag = key(False, "simulate the whole tube and not its part between the planes")
 
     @property
     def planes(self) -> tuple[int, ...]:
@@ -68,7 +66,6 @@ class SymmetricTube(Tube):
         return () if self.whole else (1,)
 
 
-@dataclass(frozen=True)
 class TubeScene(ActuatorScene):
     """A designed tube whose shape counts."""
 
@@ -147,7 +144,6 @@ class TubeScene(ActuatorScene):
         )
 
 
-@dataclass(frozen=True)
 class SectionTubeScene(TubeScene):
     """A designed tube that may swell freely."""
 

@@ -7,13 +7,13 @@ skin may swell freely. It may lengthen too, unless it is asked to keep its lengt
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import Positive, Table, key
+from toros_fem.base.keys import Flag, Positive, Table, key
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
@@ -31,12 +31,11 @@ HELICES = 0.78
 ALONG = 3
 
 
-@dataclass(frozen=True)
 class TwistTarget(Table):
     """Shape that is asked for."""
 
     twist: TwistAngle = twist_key(300.0)
-    keep_length: bool = key(
+    keep_length: Flag = key(
         False, "let the tube keep its length, or have the one given; else axial_weight is 0"
     )
     length_ratio: Positive = key(
@@ -44,7 +43,6 @@ class TwistTarget(Table):
     )
 
 
-@dataclass(frozen=True)
 class TwistScene(SectionTubeScene):
     """The twisting tube."""
 

@@ -9,7 +9,7 @@ filled and emptied fully. A gait is a path of equilibria, without inertia.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -63,7 +63,6 @@ DOWN = (0.0, 0.0, -1.0)
 MEASURED_STRIDE = ("paper, measured", 0.025)
 
 
-@dataclass(frozen=True)
 class LegTarget(Table):
     """Shape that is asked for."""
 
@@ -82,7 +81,6 @@ class LegTarget(Table):
     )
 
 
-@dataclass(frozen=True)
 class WalkerSizes(Table):
     """Sizes and mesh."""
 
@@ -96,7 +94,6 @@ class WalkerSizes(Table):
     edge_length: Length = key(1.8e-3, "edge length of the mesh")
 
 
-@dataclass(frozen=True)
 class WalkerSheets(SkinSheets):
     """Fabric, print and bladder."""
 
@@ -106,7 +103,6 @@ class WalkerSheets(SkinSheets):
     print_mass: Annotated[float, In("kg/m²", at_least=0)] = key(0.6, "mass of the print, by area")
 
 
-@dataclass(frozen=True)
 class Feet(Contacts):
     """Contact and friction."""
 
@@ -121,7 +117,6 @@ class Feet(Contacts):
     pad_length: Length = key(0.015, "length of a leg's end that carries pads")
 
 
-@dataclass(frozen=True)
 class WalkerResults(Results):
     """What is simulated of the print."""
 
@@ -132,7 +127,6 @@ class WalkerResults(Results):
     )
 
 
-@dataclass(frozen=True)
 class WalkerScene(ActuatorScene):
     """The walker.
 
@@ -173,7 +167,6 @@ class WalkerScene(ActuatorScene):
     }
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         pads = ("pad_length",) if self.contact.feet == "one-way" else ()
         for name in ("foot_length", "bent_length", *pads):
             length, leg = self.value(name), self.skin.leg_length

@@ -2,7 +2,7 @@
 
 import tomllib
 
-from toros_fem.base.toml_files.lines import key_lines, line_of
+from toros_fem.base.toml_file import key_lines, line_of
 
 TEXT = '''# a comment with [brackets]
 kind = "bend" # [not a table]
