@@ -74,7 +74,7 @@ class Searching(Filtering):
         15, "largest number of steps after each correction", free=True
     )
     tolerance: Positive = key(
-        0.02, "relative deviation of a printed stiffness that needs no correction"
+        0.02, "relative deviation of a print; corrections go on to half of it"
     )
     constrained: Flag = key(True, "width constraints in all steps")
 
