@@ -39,6 +39,19 @@ def test_pieces_across_seams(alone: MPI.Comm) -> None:
         assert sum(p.attached for p in find_pieces(pattern, [region], contact)) == attached
 
 
+def test_images_of_the_main_body_are_main_bodies() -> None:
+    """Four legs of a symmetric print, and a spot in the middle: no leg is an island."""
+    pattern = square(n=8)
+    low, high = pattern.flat_points.min(axis=0), pattern.flat_points.max(axis=0)
+    size = (high - low) / 10
+    corners = [low + size * [x, y] for x in (0, 7) for y in (0, 7)]
+    legs = [box(*at, *(at + 3 * size * [1, 1 + 1e-6 * k])) for k, at in enumerate(corners)]
+    spot = box(*(low + 4.5 * size), *(low + 5.5 * size))
+    pieces = find_pieces(pattern, [shapely.MultiPolygon([*legs, spot])])
+    assert [piece.main for piece in pieces] == [True] * 4 + [False]
+    assert [piece.attached for piece in pieces] == [True] * 4 + [False]
+
+
 def test_caps_hold_what_touches_them(alone: MPI.Comm) -> None:
     pattern = cylinder(alone, 0.04, 0.02, 2e-3)
     wall, tip = pattern.panel_index("wall"), pattern.panel_index("tip")

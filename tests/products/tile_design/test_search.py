@@ -49,7 +49,7 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     found = design_tile(case, SHORT.updated(corrections=1, correction_iterations=1))
     stages = [[(s.iterations, s.beta) for s in options.stages] for _, options, _, _ in runs]
     trial, draft = [(1, 20.0), (1, 80.0)], [(1, 80.0)]
-    assert stages[:6] == [trial, trial, draft, draft, [(1, 80.0), (1, 160.0)], [(1, None)]]
+    assert stages[:6] == [trial, trial, draft, draft, [(1, 80.0)], [(1, None)]]
     # Families of lines whose T is the smallest of eight pairs, then waves.
     problem, _, start, result = runs[0]
     rng, owned = np.random.default_rng(SMALL.design.seed), problem.skin.owned_cells
@@ -67,7 +67,7 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     worst = [target.largest_deviation(made.profile) for made in prints if made.profile]
     assert list(found.deviations) in (worst[:2], worst[2:])
     assert found.deviation == min(found.deviations)
-    assert found.problem.fields.projection.beta == 160.0
+    assert found.problem.fields.projection.beta == 80.0
 
 
 def test_contrast_needs_no_correction(alone: MPI.Comm) -> None:

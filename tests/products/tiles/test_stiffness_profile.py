@@ -249,8 +249,9 @@ def test_objectives_by_hand() -> None:
     stiffness, contraction = np.array([100.0, np.nan, 300.0]), np.array([np.nan, 0.4, 0.1])
     for target, terms, worst in (
         (ProfileTarget(stiffness), [0.1, 0.2], 0.2),
-        (ProfileTarget(contraction=contraction), [0.3, 0.3], 0.3),
-        (ProfileTarget(stiffness, contraction), [0.1, 0.2, 0.3, 0.3], 0.3),
+        (ProfileTarget(contraction=contraction), [0.75, 3.0], 3.0),
+        (ProfileTarget(contraction=np.array([0.0, np.nan, np.nan])), [0.3], 0.3),
+        (ProfileTarget(stiffness, contraction), [0.1, 0.2, 0.75, 3.0], 3.0),
         (ProfileTarget(profile.stiffness, profile.contraction), 6 * [0.0], 0.0),
     ):
         squares = np.square(terms) / 3

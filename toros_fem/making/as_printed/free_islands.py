@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import shapely
 
 from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.fields import densities_of
@@ -14,7 +17,6 @@ from toros_fem.design.loop.loop import Callback, DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 
 
 def polished(
@@ -28,33 +30,31 @@ def polished(
     """Go on with a design whose print has free islands, from one without them (collective).
 
     Cleaning removes or bridges islands that the design relies on, which moves the shape. The design
-    is told: they are removed, or all are joined to the rest, whichever does less harm to the
-    objective, and the stages of the options follow. A design whose print has none is returned as
-    it is. The arguments are those of `optimize`.
+    is told: specks are removed, all others joined to the rest, and the stages of the options
+    follow. Where that has no equilibrium, all are removed. A design whose print has none is
+    returned as it is. The arguments are those of `optimize`.
     """
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
     require_kind("printed", printed, PrintedDesign, "a PrintedDesign, by as_printed")
     problem, near = result.problem, result.final.equilibrium
     if not on_first_rank(problem.comm, lambda: len(printed.before.free_islands)):
         return result
-    starts, objectives = without_free_islands(problem, result, printed), []
-    for density in starts:
-        try:
-            found = problem.simulate(density, near.state, near.pressures, trial=True)
-            objectives.append(found.objective)
-        except EquilibriumError:  # raised by all ranks or by none
-            objectives.append(np.inf)
-    start = starts[int(np.argmin(objectives))]
+    joined, start = without_free_islands(problem, result, printed)
+    # A line too many is thinned out in a few steps; print that is gone does not come back.
+    with suppress(NoEquilibriumError):  # raised by all ranks or by none
+        problem.simulate(joined, near.state, near.pressures, trial=True)
+        start = joined
     return optimize(problem, options, start=start, callback=callback, after=result, journal=journal)
 
 
 def without_free_islands(
     problem: DesignProblem, result: DesignResult, printed: PrintedDesign
 ) -> tuple[Floats, Floats]:
-    """Return ρ at owned triangles without free islands, and with them joined (collective).
+    """Return ρ at owned triangles with free islands joined, and without any (collective).
 
-    An island may carry load: so it can be kept by a straight line two filter radii wide, along the
-    shortest way to attached print of its panel, or to an island that has its line already. Islands
+    An island may carry load: so it is kept by a straight line two filter radii wide, along the
+    shortest way to attached print of its panel, or to an island that has its line already. Specks,
+    no larger than a disc of the filter's radius, are removed all the same. Islands
     are those of the contours. Where a part of the skin is designed, its triangles and panels are
     the first of the whole, at the same flat places.
     """
@@ -62,7 +62,7 @@ def without_free_islands(
     pattern = skin.pattern
 
     def find() -> Bools:
-        cleared, bridged = found = np.zeros((2, len(pattern.panel)), dtype=bool)
+        cleared, specks, bridged = found = np.zeros((3, len(pattern.panel)), dtype=bool)
         for panel in {island.panel for island in printed.before.free_islands}:
             islands = [i.polygon for i in printed.before.free_islands if i.panel == panel]
             rest = shapely.difference(printed.contours[panel], shapely.union_all(islands))
@@ -70,13 +70,18 @@ def without_free_islands(
             at = shapely.points(pattern.centroids[cells])
             # Densities up to R beyond its border contribute to an island. Those closer than R/2 to
             # the rest of the print contribute to the rest as well and stay.
-            near = shapely.dwithin(at, shapely.union_all(islands), radius)
-            cleared[cells] = near & ~shapely.dwithin(at, rest, radius / 2)
-            for island in islands if not rest.is_empty else ():
+            small = [island for island in islands if island.area <= np.pi * radius**2]
+            for away, gone in ((islands, cleared), (small, specks)):
+                every = shapely.union_all(away)
+                left = shapely.difference(printed.contours[panel], every)
+                near = shapely.dwithin(at, every, radius)
+                gone[cells] = near & ~shapely.dwithin(at, left, radius / 2)
+            for island in [] if rest.is_empty else [i for i in islands if i not in small]:
                 line = shapely.shortest_line(island, rest)
                 bridged[cells] |= shapely.dwithin(at, line, radius)
                 rest = shapely.union_all([rest, island, line])
         return found
 
-    cleared, bridged = on_first_rank(skin.comm, find)[:, skin.owned_cells]
-    return np.where(cleared, 0.0, result.density), np.where(bridged, 1.0, result.density)
+    cleared, specks, bridged = on_first_rank(skin.comm, find)[:, skin.owned_cells]
+    kept = np.where(specks, 0.0, result.density)
+    return np.where(bridged, 1.0, kept), np.where(cleared, 0.0, result.density)

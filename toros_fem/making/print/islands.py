@@ -17,6 +17,8 @@ from toros_fem.meshes.triangles import linked
 SEAM_POINTS = 32
 # Borders closer than this fraction of the skin's size are the same.
 TOUCHING = 1e-7
+# Pieces whose areas differ by a smaller part are images of each other.
+SAME_AREA = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +26,8 @@ class PanelRegion:
     """A polygon in m on a panel, given by its number: a connected piece of print, or a hole in it.
 
     Attributes:
-        main: Whether it is the main body, the largest piece of its panel. The others are islands.
+        main: Whether it is a main body, the largest piece of its panel. In a symmetric print there
+            are several, the images of one. The others are islands.
         attached: Whether it is a main body, or is connected to one across seams. An island that is
             not attached is free.
     """
@@ -49,8 +52,9 @@ def find_pieces(pattern: Pattern, regions: Regions, contact: float = 0.0) -> lis
     order = np.argsort(-shapely.area(parts), kind="stable")
     order = order[~shapely.is_empty(parts[order])]
     parts, panel = parts[order], panel[order]
-    main = np.zeros(len(parts), dtype=bool)
-    main[np.unique(panel, return_index=True)[1]] = True
+    largest = np.zeros(len(regions))
+    np.maximum.at(largest, panel, shapely.area(parts))
+    main = shapely.area(parts) > (1 - SAME_AREA) * largest[panel]
     links = _across_seams(pattern, parts, panel, contact)
     body = linked(links[:, 0], links[:, 1], len(parts)) if len(parts) else panel
     attached = np.isin(body, body[main])

@@ -156,9 +156,14 @@ class Designer(DensityDesigner):
 
         with self.reporter:
             made = self.over_levels(problems(), options, after)
-            if after is None and self.lost(*made):
-                made, search = self._tried_otherwise(problems, options, made, search)
+            lost = after is None and self.lost(*made)
             result, printed, rounds = self.corrected(*made)
+            # A print that corrections bring home needs no other way.
+            if lost and self.worst(printed) > 1:
+                made, search = self._tried_otherwise(problems, options, (result, printed), search)
+                if made[0] is not result:
+                    result, printed, more = self.corrected(*made, branch="other-correction")
+                    rounds += more
         if self.source is None and problem_of(result).fields.centre is not None:
             search = replace(search, start="pattern")
         search = replace(search, rounds=rounds)

@@ -61,8 +61,8 @@ class Searching(Filtering):
         free=True,
     )
     finish_iterations: Count = key(
-        15,
-        "largest number of steps on the design's mesh, at 4 β and again at 8 β",
+        30,
+        "largest number of steps on the design's mesh",
         free=True,
     )
     corrections: Number = key(
@@ -74,7 +74,7 @@ class Searching(Filtering):
         15, "largest number of steps after each correction", free=True
     )
     tolerance: Positive = key(
-        0.02, "relative deviation of a printed stiffness that needs no correction"
+        0.02, "relative deviation of a print; corrections go on to half of it"
     )
     constrained: Flag = key(True, "width constraints in all steps")
 

@@ -35,20 +35,23 @@ from toros_fem.products.tile_design.starts import random_lines, random_waves
 from toros_fem.products.tiles.printability import TilePrintability, tile_printability
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 
-# Factor on T of a start or draft for each kind of flaw, islands and places too narrow for the
-# printer: only if its T is smaller by this factor, it is chosen.
+# Factor on T of a start or draft with places too narrow for the printer: only if its T is smaller
+# by this factor, it is chosen. One with islands is the last choice: a print joins them, which makes
+# it several times as stiff, and no correction mends that.
 FLAW_FACTOR = 5.0
 # Multiple of the tolerance; if every print has flaws or deviates by more, the other draft is tried.
 # Flaws of a print are as bad as this deviation.
 ACCEPTABLE = 2.5
+# Part of the tolerance within which a print needs no correction: the rest is for its interval.
+ENOUGH = 0.5
 # Number of random pairs of families of lines, of which the one with the smallest T is a start.
 PAIRS_A_START = 8
 # A stage ends when T falls by a smaller fraction over ten steps.
 MIN_DECREASE = 0.05
-# Factors on β at the end of the trials, and on the design's own mesh. A density of 0.01 in a gap
-# makes the fabric several times as stiff: with more of it beside a line the print would be much
-# softer than the design.
-DRAFT_BETA, FINAL_BETAS = 4, (4, 8)
+# Factor on β from the end of the trials on. A density of 0.01 in a gap makes the fabric several
+# times as stiff: with more of it beside a line the print would be much softer than the design. With
+# twice as much, designs freeze and corrections act no more.
+STEEPER = 4
 
 A = TypeVar("A")
 
@@ -63,11 +66,11 @@ def design_tile(
     """Design a tile from the best of several random starts, and correct it for its print.
 
     Profiles have many local minima; a few steps on the coarse mesh show which starts are good. They
-    are families of lines and long waves by turns. The two best are continued there; one of them has
-    no flaws, islands or narrow places, if there is such a start. The better draft is continued on
-    the design's own mesh, with β raised so that little grey is left. Then the target is corrected
-    by the ratio of the design's profile to that of its print, and the design is
-    continued. If no print without flaws comes near the target, the other draft is tried.
+    are families of lines and long waves by turns. The two best are continued there, those with
+    islands only where others are missing. The better draft is continued on the design's own mesh,
+    with a steep projection, so that little grey is left. Then the target is corrected by the ratio
+    of the design's profile to that of its print, and the design is continued. If no print without
+    flaws comes near the target, the other draft is tried.
 
     Args:
         case, config: Tile and target, and the numbers of the design.
@@ -82,7 +85,7 @@ def design_tile(
     search, design = _Search(case, config, run), config.design
     problem = tile_problem(case.coarse, config, log)
     finalists, trials = search.best_starts(problem)
-    longer = [(design.draft_iterations, DRAFT_BETA)]
+    longer = [(design.draft_iterations, STEEPER)]
     drafts = [search.optimized(problem, longer, after=one) for one in finalists]
     drafts.sort(key=lambda one: search.rated(problem, one)[0])
     designs = [gathered(draft) for draft in drafts]
@@ -144,15 +147,12 @@ class _Search:
         starts = (partial(self._tried, problem, k) for k in range(self.design.starts))
         for number, kind, result in _solved(starts):
             rating, made = self.rated(problem, result)
-            found.append((rating, number, made.clean, result))
+            found.append((rating, number, result))
             row = {"start": kind, "objective": result.final.objective}
             trials.append({**row, "islands": len(made.island_areas), "narrow": made.narrow_places})
-            if rating <= (self.enough or -np.inf):
+            if rating <= (False, self.enough or -np.inf):
                 return [result], trials
-        best, *others = sorted(found, key=itemgetter(0, 1))
-        # The profile of islands depends on narrow gaps. If that fails, a design without is needed.
-        others.sort(key=lambda one: not one[2])
-        return [one[-1] for one in (best, *others[:1])], trials
+        return [one[-1] for one in sorted(found, key=itemgetter(0, 1))[:2]], trials
 
     def _tried(self, problem: TileProblem, number: int) -> tuple[int, str, DesignResult]:
         """Return the number of a start, its kind, and the design after its first steps."""
@@ -161,7 +161,7 @@ class _Search:
             start = random_waves(self.tile, seed)[problem.skin.owned_cells]
         else:
             start = self._lines(problem, seed)
-        steps = [(self.design.trial_iterations, factor) for factor in (1, DRAFT_BETA)]
+        steps = [(self.design.trial_iterations, factor) for factor in (1, STEEPER)]
         return number, kind, self.optimized(problem, steps, start=start)
 
     def _lines(self, problem: TileProblem, seed: int) -> Floats:
@@ -175,8 +175,14 @@ class _Search:
 
         return min(_solved([tried] * PAIRS_A_START), key=itemgetter(0))[1]
 
-    def rated(self, problem: TileProblem, result: DesignResult) -> tuple[float, TilePrintability]:
-        """Return T, at least its target, times the factors for flaws; and the printability."""
+    def rated(
+        self, problem: TileProblem, result: DesignResult
+    ) -> tuple[tuple[bool, float], TilePrintability]:
+        """Return what starts and drafts are sorted by, and the printability.
+
+        It is whether there are islands, and T, at least its target, times the factor for narrow
+        places.
+        """
         eta = problem.fields.projection.eta
         values = contour_values(problem, result.density)
         region = printed_regions(self.tile.pattern, *values, eta)[0]
@@ -184,15 +190,14 @@ class _Search:
         limits, widths = problem.length_scale, result.final.length_scale
         satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
         narrow = made.narrow_places > 0 or not satisfied
-        rating = max(result.final.objective, self.enough or 0.0)
-        return rating * FLAW_FACTOR ** (narrow + (len(made.island_areas) > 0)), made
+        rating = max(result.final.objective, self.enough or 0.0) * FLAW_FACTOR**narrow
+        return (len(made.island_areas) > 0, rating), made
 
     def finished(self, problem: TileProblem, draft: CarriedDesign) -> TileResult:
         """Continue a draft on the design's own mesh and correct the design for its print."""
         design, target = self.design, problem.goal
-        last = [(design.finish_iterations, factor) for factor in FINAL_BETAS]
-        result = self.optimized(problem, last, after=draft)
-        problem = problem.changed(fields=problem.fields.with_beta(FINAL_BETAS[-1] * design.beta))
+        result = self.optimized(problem, [(design.finish_iterations, STEEPER)], after=draft)
+        problem = problem.changed(fields=problem.fields.with_beta(STEEPER * design.beta))
         first = simulated_print(self.case, self.config, problem, result)
         if target is None:
             return first
@@ -210,7 +215,7 @@ class _Search:
             return simulated_print(self.case, self.config, problem, found)
 
         def enough(prints: Sequence[TileResult]) -> bool:
-            return min(map(self.badness, prints)) <= design.tolerance
+            return min(map(self.badness, prints)) <= ENOUGH * design.tolerance
 
         prints = correct(first, asked_again, enough, design.corrections)
         deviations = tuple(one.deviation for one in prints)

@@ -299,9 +299,10 @@ def profiles(
 
 @dataclass(frozen=True, eq=False)
 class ProfileTarget:
-    """Least squares T = [Σ (s/s* − 1)² + Σ (c − c*)²] / k over k directions.
+    """Least squares T = [Σ (s/s* − 1)² + Σ (c − c*)²/c*²] / k over k directions.
 
     s is the secant stiffness and c the lateral contraction. What has the target NaN does not count.
+    A contraction whose target is 0 counts by itself, as in the verdict.
 
     Attributes:
         stiffness: Targets s* in N/m, (k,); None for none.
@@ -325,23 +326,23 @@ class ProfileTarget:
 
         Those of stiffness are first.
         """
-        goals, deviations = self._compared(profile)
+        goals, sizes, deviations = self._compared(profile)
         known, root = ~np.isnan(goals), np.sqrt(1 / len(profile.angles))
-        slopes = np.stack([1 / goals[0] / profile.strain, np.ones(len(profile.angles))])
+        slopes = 1 / (sizes * [[profile.strain], [1.0]])
         rows = np.diag((root * slopes).ravel())[known.ravel()]
         by_stress, by_contraction = np.split(rows, 2, axis=1)
         return (root * deviations)[known], by_stress, by_contraction
 
     def largest_deviation(self, profile: Profile) -> float:
-        """Return the largest |s/s* − 1| or |c − c*|."""
-        return float(np.nanmax(np.abs(self._compared(profile)[1])))
+        """Return the largest |s/s* − 1| or |c/c* − 1|."""
+        return float(np.nanmax(np.abs(self._compared(profile)[2])))
 
-    def _compared(self, profile: Profile) -> tuple[Floats, Floats]:
-        """Return the targets, and s/s* − 1 and c − c*, (2, k) each, NaN without a target."""
+    def _compared(self, profile: Profile) -> tuple[Floats, Floats, Floats]:
+        """Return targets, what counts as 1, and deviations over that, (2, k); NaN for no target."""
         none = np.full(len(profile.angles), np.nan)
-        goals = [none if a is None else a for a in (self.stiffness, self.contraction)]
-        deviations = [profile.stiffness / goals[0] - 1, profile.contraction - goals[1]]
-        return np.stack(goals), np.stack(deviations)
+        goals = np.stack([none if a is None else a for a in (self.stiffness, self.contraction)])
+        sizes = np.where(goals == 0, 1.0, np.abs(goals))
+        return goals, sizes, (np.stack([profile.stiffness, profile.contraction]) - goals) / sizes
 
 
 @dataclass(frozen=True, eq=False)
