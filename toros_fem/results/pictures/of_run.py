@@ -14,6 +14,7 @@ from matplotlib.figure import Figure as MplFigure
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.units import duration
 from toros_fem.making.print.print_file import NAME as PRINT_FILE
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printability
@@ -60,7 +61,8 @@ class _Pictures:
             skin = read_skin(run.folder / FOLDER / self.state.skin)
             self.drawn = DrawnSkin(skin, self.state.density)
             pressure = self.state.values.get("pressure_pa")
-            self.title = sentence(self.figures, pressure)
+            there = [told for told in self.figures if told.key in self.state.values]
+            self.title = sentence(there or self.figures, pressure)
 
     def draw(self) -> list[Path]:
         if self.state is not None:
@@ -142,7 +144,7 @@ class _Pictures:
         told = next((f for f in self.figures if f.key in rows[-1]), None)
         seconds = (self.run.summary.entries.get("seconds") or {}).get("total")
         title = f"Designed in {int(rows[-1]['iteration'])} iterations"
-        title += "" if seconds is None else f", {seconds:.0f} s"
+        title += "" if seconds is None else f" and {duration(seconds)}"
         with self._page("design.png", title, TALL) as figure:
             width = 0.98 / max(len(frames) + (regions is not None), 1)
 
@@ -152,10 +154,11 @@ class _Pictures:
                 return left, BOTTOM, wide, HEIGHT
 
             for k, (name, pattern, density) in enumerate(frames):
-                draw_density(figure, place(k, name), pattern, density)
+                draw_density(figure, place(k, name), pattern, density).set_anchor("N")
             if regions is not None:
                 box = place(len(frames), "print")
-                draw_panels(figure, box, self.drawn.pattern, regions, names=False)
+                axes, _ = draw_panels(figure, box, self.drawn.pattern, regions, names=False)
+                axes.set_anchor("N")
             draw_history(figure.add_axes((0.10, 0.09, 0.78, 0.26)), rows, told)
 
 
