@@ -449,7 +449,7 @@ DRAWN: Mapping[str, Callable[[Path], None]] = {
     "images/fig4.png": of_fields("fig4.png"),
     "images/fig5.png": of_fields("fig5.png"),
     "images/make_one.png": in_browser(
-        lambda folder: folder / "manufacture" / "make_it.html", 920,
+        lambda folder: folder / "manufacture" / "make_it.html", 940,
         "header, section:not(#step-3) { display: none; }",
     ),
     "images/report.png": in_browser(write_report, 1480),

@@ -30,9 +30,9 @@ RINGS = 4
 # Points that the lines of a polar chart are divided into; room around the numbers of its circles in
 # pixels, and angles in degrees along which they are tried, between those that have names.
 SAMPLES, ROOM, TURNS = 2000, 2.0, [one + 45 * k for k in range(8) for one in (22.5, 15.0, 30.0)]
-# Inches: the longest side of the panes of a page, the space around them, that for a title and for
-# names above them, and that for a bar of the scale below them.
-LONGEST, AROUND, TITLED, NAMED, BAR = 7.0, 0.16, 0.5, 0.3, 0.4
+# Inches: width and height of all panes of a page at most, the space around them, that for a title
+# and for names above them, and that for a bar of the scale below them.
+MOST, AROUND, TITLED, NAMED, BAR = (7.0, 5.2), 0.16, 0.5, 0.3, 0.4
 # Least width of a page with its title in inches; panes flatter than this stand below one another.
 LEAST, FLAT = 4.5, 0.4
 
@@ -204,7 +204,7 @@ def _panes(points: Floats, count: int) -> tuple[tuple[float, float], list[style.
     """
     extent = np.ptp(points, axis=0)
     across, down = (1, count) if extent[1] < FLAT * extent[0] else (count, 1)
-    width, height = LONGEST * extent / max(extent * [across, down])
+    width, height = extent / max(extent * [across, down] / MOST)
     named = NAMED if count > 1 else 0.0
     wide = max(across * (width + AROUND) + AROUND, LEAST)
     tall = TITLED + down * (height + named) + BAR

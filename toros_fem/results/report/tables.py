@@ -160,7 +160,7 @@ def further_figures(run: Run) -> Pairs:
         if (value := run.summary.value(key)) is not None:
             found.append(as_shown(key, value))
     if (use := run.summary.value("stretch_use")) is not None:
-        found.append(("of the stretch bounds", f"{use:.0%} used"))
+        found.append(("of the stretch bounds", f"{100 * use:.0f} % used"))
     first, last = entries.get("objective_first"), entries.get("objective_last")
     if is_number(first) and is_number(last):
         found.append(("objective T", f"{first:.3g} → {last:.3g}"))
