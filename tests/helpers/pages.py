@@ -55,7 +55,9 @@ def assert_apart(figure: Figure) -> None:
 
 def covered(axes: Axes, words: str) -> float:
     """Part of the box of words that pictures of surfaces on the same axes cover."""
-    (box,) = [box for text, box in words_of(axes.figure) if text == words]
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    (box,) = [box for text, box in words_of(figure) if text == words]
     across, up = np.meshgrid(np.linspace(box.x0, box.x1, 60), np.linspace(box.y0, box.y1, 30))
     places = axes.transData.inverted().transform(np.column_stack([across.ravel(), up.ravel()]))
     hit = np.zeros(len(places), dtype=bool)

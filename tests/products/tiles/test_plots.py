@@ -45,7 +45,7 @@ def test_numbers_of_circles_are_off_the_curves(
     monkeypatch.setattr(Figure, "savefig", lambda self, place, **how: pages.append(self))
     angles = np.radians([0.0, 45.0, 90.0])
     stress, none = 0.1 * np.array(values), np.zeros(3)
-    profile = Profile(angles, 0.1, stress, none, stress / stress.max(), none, (), none, 0, 0)
+    profile = Profile(angles, 0.1, stress, none, stress / stress.max(), none, (), (), 0, 0)
     plot_profile(tmp_path / "profile.png", profile, 50.0, "orthotropic", angles, None)
     (figure,) = pages
     words = words_of(figure)
@@ -55,7 +55,7 @@ def test_numbers_of_circles_are_off_the_curves(
         assert len(boxes) >= 2
         fine = np.linspace(0, 2 * np.pi, 3000)
         for line in axes.lines:
-            turn, value = line.get_data()
+            turn, value = np.array(line.get_data(), dtype=float)
             points = np.column_stack([fine, np.interp(fine, turn, value)])
             assert not any(box.count_contains(axes.transData.transform(points)) for box in boxes)
 

@@ -11,6 +11,7 @@ from helpers.pages import assert_apart, covered, words_of
 from helpers.runs import bent, regions_of, tube
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Page
+from matplotlib.text import Annotation
 from PIL import Image
 
 from toros_fem.measures.figures import Figure
@@ -160,6 +161,7 @@ def test_an_end_that_is_held_inside_of_a_skin_is_named_beside_it(pattern: Patter
     main = figure.axes[1]
     assert covered(main, "held") < 0.02
     (held,) = [text for text in main.texts if text.get_text() == "held"]
+    assert isinstance(held, Annotation)
     assert held.arrow_patch is not None
 
 

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure as MplFigure
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.units import duration
 from toros_fem.making.print.print_file import NAME as PRINT_FILE
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printability
@@ -142,9 +141,7 @@ class _Pictures:
         ]
         regions = None if self.state is None else self.drawn.skin.regions
         told = next((f for f in self.figures if f.key in rows[-1]), None)
-        seconds = (self.run.summary.entries.get("seconds") or {}).get("total")
         title = f"Designed in {int(rows[-1]['iteration'])} iterations"
-        title += "" if seconds is None else f" and {duration(seconds)}"
         with self._page("design.png", title, TALL) as figure:
             width = 0.98 / max(len(frames) + (regions is not None), 1)
 
