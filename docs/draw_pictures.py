@@ -232,7 +232,7 @@ def intervals_told() -> str:
     """Return what the picture of told intervals tells."""
     found = intervals.told_figures(read(ROWS / "intervals.csv"))
     held = sum(one.error <= one.width for one in found)
-    part = f"{held / len(found):.0%}"
+    part = f"{100 * held / len(found):.0f} %"
     return f"{held} of {len(found)} intervals contain the value of a finer mesh ({part})"
 
 
@@ -265,7 +265,10 @@ def draw_intervals(path: Path) -> None:
         right.plot(ends, ends, color=INK, lw=0.8)
         right.plot(ends, 3 * ends, color=SOFT, lw=0.8, ls="--")
         right.text(0.5, 0.4, "as wide as the error", color=INK, rotation=38, ha="center", va="top")
-        right.text(0.25, 1.0, "three times", color=SOFT, rotation=38, ha="center", va="bottom")
+        right.text(
+            0.105, 0.36, "three times", color=SOFT, rotation=38, ha="center", va="bottom",
+            fontsize=8,
+        )  # fmt: skip
         left.set(xscale="log", yscale="log", xlabel="time of the solve (s)")
         left.set(xticks=[0.5, 1, 2, 4], yticks=[0.5, 1, 2, 5, 10, 20])
         left.set_ylabel("error of reported values (% of the change), median")
@@ -364,7 +367,7 @@ def draw_empty(path: Path) -> None:
         solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
         positions = skin.gather_vertices(solver.solve(density, pressure).positions)
         angle = bend_metric(180.0).measure(pattern, positions)
-        told.append(f"{angle:.0f}°".replace("-", "−"))
+        told.append(f"{round(angle):d}°".replace("-", "−"))
         moulded = ", moulded" if rest == "assembled" else ""
         x, y, z = positions.T  # the tubes lie
         lying = drawn.surfaces(np.stack([z, y, -x], axis=1))
@@ -446,7 +449,7 @@ DRAWN: Mapping[str, Callable[[Path], None]] = {
     "images/fig4.png": of_fields("fig4.png"),
     "images/fig5.png": of_fields("fig5.png"),
     "images/make_one.png": in_browser(
-        lambda folder: folder / "manufacture" / "make_it.html", 920,
+        lambda folder: folder / "manufacture" / "make_it.html", 940,
         "header, section:not(#step-3) { display: none; }",
     ),
     "images/report.png": in_browser(write_report, 1480),

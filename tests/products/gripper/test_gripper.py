@@ -98,11 +98,14 @@ def test_a_lift_without_equilibrium_is_told() -> None:
     load = Lifted(0.1, 0.3, 3, failed, none)
     assert load.words == "An object of 100 g is not lifted: no equilibrium"
     dropped = replace(load, printed=LiftFigures(held_mass_kg=0.05))
-    assert dropped.words == "An object of 100 g falls; the print holds at most 50 g, 0.5 times that"
+    assert (
+        dropped.words
+        == "An object of 100 g falls; the print holds at most 50 g (0.5 times as much)"
+    )
     early = replace(load, printed=LiftFigures(held_mass_kg=0.05, failure="no equilibrium."))
-    held = "the print holds at least 50 g, 0.5 times that"
+    held = "the print holds at least 50 g (0.5 times as much)"
     assert early.words == f"An object of 100 g is not lifted: no equilibrium; {held}"
     known = replace(dropped, intervals={"held_mass_kg": 0.011})
-    held = "the print holds at most 50 ± 11 g, 0.5 times that"
+    held = "the print holds at most 50 ± 11 g (0.5 times as much)"
     assert known.words == f"An object of 100 g falls; {held}"
     assert "intervals" not in known.entries()

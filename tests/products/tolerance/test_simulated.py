@@ -1,21 +1,24 @@
 """Skins that are not made as drawn."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from helpers.pages import assert_apart
 from helpers.prints import MM, metres
 from helpers.scenes import square
 from helpers.worn import Printed
+from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.meshes import Pattern
-from toros_fem.products.tolerance.of_run import by_size, write_tolerances
+from toros_fem.products.tolerance.of_run import by_size, plot_tolerances, write_tolerances
 from toros_fem.products.tolerance.result import Tolerances
 from toros_fem.products.tolerance.simulated import broken_lines, offset_print
 
@@ -150,3 +153,26 @@ def test_a_ring_that_opens_is_a_line_that_parts(pattern: Pattern) -> None:
     made = offset_print(pattern, drawn, -0.1 * MM, RESOLUTION)
     assert broken_lines(pattern, drawn, made, RESOLUTION) == ["1 line parts."]
     assert np.isclose(made[0].area, drawn[0].area, rtol=0.2)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_words_of_the_picture_are_apart(
+    found: Tolerances, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    """Also numbers of charts beside each other, at each height of the values."""
+    (angle, *_), pages = found.metrics, list[Figure]()
+    monkeypatch.setattr(Figure, "savefig", lambda self, place, **how: pages.append(self))
+    for size in (1.0, 0.004, 400.0):
+        metrics = tuple(replace(angle, name=f"angle_{k}", target=None) for k in range(count))
+
+        def of(values: Mapping[str, float], size: float = size) -> dict[str, float]:
+            return {f"angle_{k}_deg": (k + 1) * size * values["angle_deg"] for k in range(count)}
+
+        variants = tuple(replace(v, values=of(v.values)) for v in found.variants)
+        nominal = of(found.nominal)
+        plot_tolerances(
+            tmp_path / "tolerance.png",
+            replace(found, metrics=metrics, nominal=nominal, variants=variants),
+        )
+    for page in pages:
+        assert_apart(page)

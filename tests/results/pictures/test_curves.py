@@ -41,6 +41,13 @@ def test_figures_of_one_unit_share_axes() -> None:
     assert (low, high) == (77.0, 83.0)
 
 
+def test_curves_without_names_reach_the_border() -> None:
+    for figures, right in (([ANGLE], 0.97), ([ANGLE, LENGTH], 0.97), ([ANGLE, TWIST], 0.88)):
+        figure = Page(figsize=(8, 4.5))
+        draw_curve(figure, Curve(ROWS, 4e3), figures)
+        assert figure.axes[0].get_position().x1 == pytest.approx(right)
+
+
 def test_a_finer_mesh_is_named() -> None:
     for finer in (False, True):
         figure = Page(figsize=(8, 4.5))
@@ -89,6 +96,7 @@ def test_history_marks_the_next_mesh() -> None:
     draw_history(axes, rows, ANGLE)
     assert [np.asarray(line.get_xdata())[0] for line in axes.lines[1:]] == [3]
     assert len(figure.axes) == 2
+    assert words(figure)[-1] == "target 90°"
     bare = Page(figsize=(8, 3))
     draw_history(bare.add_axes((0.1, 0.1, 0.8, 0.8)), rows, TWIST)
     assert len(bare.axes) == 1

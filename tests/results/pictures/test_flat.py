@@ -156,8 +156,8 @@ def test_families_have_colours_by_their_share(
     with page(path) as figure:
         draw_lines(figure, LineField(pattern, shares, angles), pattern, region)
         words = written(figure)
-    assert "20.0 % of the area" in words
-    assert "5.0 % of the area" in words
+    assert "— 20.0 % of the area" in words
+    assert "— 5.0 % of the area" in words
     assert share(path, ACCENT) > 1e-4
     with page(path) as figure:
         draw_lines(figure, LineField(pattern, 0 * shares, angles), pattern, region)

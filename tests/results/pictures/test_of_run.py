@@ -12,7 +12,7 @@ from toros_fem.making.print.print_file import write_print_polygons
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern
-from toros_fem.results.pictures.of_run import draw_run, facts_of, sentence
+from toros_fem.results.pictures.of_run import _Pictures, draw_run, facts_of, sentence
 from toros_fem.results.runs.run_folder import read_run
 
 pytestmark = pytest.mark.usefixtures("rough")
@@ -67,6 +67,15 @@ def test_sentences() -> None:
     assert sentence([angle], 5e3) == "Angle 88.2 ± 1.5° (target 90°) at 5 kPa"
     assert sentence([Figure("held_mass", "kg", 0.05)], None) == "Held mass 50 g"
     assert sentence([], 5e3) == "At 5 kPa"
+
+
+def test_a_title_tells_figures_of_the_pressure_that_it_names(run: Path) -> None:
+    """Not one of another pressure, as that of the saturation."""
+    told = [Figure("angle", "deg", 88.25, 1.5), Figure("angle_when_saturated", "deg", 80.0)]
+    change_summary(run, figures=[figure.as_dict() for figure in told])
+    drawn = _Pictures(read_run(run))
+    assert drawn.title.startswith("Angle 88.2 ± 1.5° at ")
+    assert len(drawn.figures) == 2
 
 
 def test_states_are_at_equal_steps_of_the_way(run: Path, pattern: Pattern) -> None:

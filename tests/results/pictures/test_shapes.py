@@ -3,12 +3,15 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from helpers.runs import bent, regions_of
+from helpers.pages import assert_apart, covered, words_of
+from helpers.runs import bent, regions_of, tube
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Page
+from matplotlib.text import Annotation
 from PIL import Image
 
 from toros_fem.measures.figures import Figure
@@ -136,6 +139,32 @@ def test_words_stay_apart(drawn: DrawnSkin, pattern: Pattern) -> None:
             assert not one.overlaps(other), (words[k].get_text(), text.get_text())
 
 
+@pytest.mark.parametrize("edge", [6e-3, 11e-3])
+def test_words_on_a_miss_are_not_on_the_skin(edge: float) -> None:
+    """Nor on triangles whose corners are far from each other."""
+    pattern = tube(edge)
+    skin = ShownSkin(pattern, bent(pattern, 2.6), regions=regions_of(pattern), compared=ALL)
+    figure = picture(DrawnSkin(skin), bend(1.9, 0.15)(pattern.points), [angle(109.0)])
+    main = figure.axes[1]
+    (off,) = [words for words, _ in words_of(figure) if "mm off" in words]
+    assert max(covered(main, off), covered(main, "held")) < 0.02
+
+
+def test_an_end_that_is_held_inside_of_a_skin_is_named_beside_it(pattern: Pattern) -> None:
+    """As the middle of a walker is: its name has a line to it."""
+    wide = (pattern.points - [0, 0, 0.075]) * [3.0, 3.0, 1.1] + [0, 0, 0.075]
+    heights = pattern.points[:, 2]
+    middle = np.isclose(heights, heights[np.abs(heights - 0.075).argmin()])
+    wide[middle] = pattern.points[middle]
+    assert middle.sum() > 2
+    figure = picture(DrawnSkin(ShownSkin(pattern, regions=regions_of(pattern))), wide, [])
+    main = figure.axes[1]
+    assert covered(main, "held") < 0.02
+    (held,) = [text for text in main.texts if text.get_text() == "held"]
+    assert isinstance(held, Annotation)
+    assert held.arrow_patch is not None
+
+
 def test_the_end_of_a_slender_body_is_enlarged(pattern: Pattern) -> None:
     """It may be longer than its target, where no length is asked for; the picture says so."""
     target = twist(1.0, 0.15)(pattern.points)
@@ -183,7 +212,7 @@ def test_an_aligned_shape_is_moved_onto_its_target(pattern: Pattern) -> None:
 def test_colours_of_a_miss_end_at_its_largest(drawn: DrawnSkin, pattern: Pattern) -> None:
     figure = Page(figsize=(8, 4.5))
     draw_miss(figure, drawn, bent(pattern, np.pi / 2) + [0.0, 0.003, 0.004])
-    assert "5 mm from the target, 3.3 % of the length: root mean square of 12" in written(figure)
+    assert "sections are 5 mm off (root mean square), 3.3 % of the length" in written(figure)
     bar = figure.axes[-1]
     assert bar.get_xlim()[1] == pytest.approx(5.0)
 
@@ -244,6 +273,56 @@ def test_states_that_would_hide_each_other_stand_apart(pattern: Pattern) -> None
         assert "rest" in written(figure)
     assert widths[1] > 40  # mm: 2.4 widths
     assert widths[0] < 40
+
+
+def test_names_of_states_are_beside_their_tips(pattern: Pattern) -> None:
+    """Over each other they follow the tips; in a row they stand in one line."""
+    skin = DrawnSkin(ShownSkin(pattern, bent(pattern, 2.0), regions=regions_of(pattern)))
+    turns = (0.01, 0.4, 0.8, 1.3, 2.0)
+    names = [f"{k}.{k} kPa" for k in range(5)]
+    fan = [bent(pattern, turn) for turn in turns]
+    tall = [twist(turn, 0.15)(pattern.points) * [1, 1, 1 + 0.2 * turn] for turn in turns]
+    for shapes in (fan, tall):
+        figure = Page(figsize=(8, 4.5))
+        draw_inflation(figure, (0, 0, 1, 1), skin, list(zip(names, shapes, strict=True)))
+        assert_apart(figure)
+        (axes,) = figure.axes
+        assert max(covered(axes, name) for name in names) < 0.02
+        found = dict(words_of(figure))
+        middles = np.array([(found[name].p0 + found[name].p1) / 2 for name in names])
+        if shapes is tall:
+            assert np.ptp([found[name].y0 for name in names]) < 1
+        else:
+            # They lie around the skin in the order of its states.
+            assert np.all(np.diff(middles[:, 0]) > 0)
+            assert np.all(np.diff(middles[:4, 1]) < 5)
+
+
+def test_states_in_rows_take_no_more_than_they_need(
+    pattern: Pattern, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A long title has its lines; names are near their rows, and the bar is below all."""
+    pages, real = list[Page](), Page.savefig
+
+    def save(self: Page, *place: Any, **how: Any) -> None:
+        pages.append(self)
+        real(self, *place, **how)
+
+    monkeypatch.setattr(Page, "savefig", save)
+    skin = DrawnSkin(ShownSkin(pattern, regions=regions_of(pattern)))
+    lying = [x[:, [2, 1, 0]] * [1, 1, -1] for x in (bent(pattern, 0.01), bent(pattern, 0.6))]
+    rows = [[(f"state {k}", skin.surfaces(x))] for k, x in enumerate(lying)]
+    plot_states(tmp_path / "states.png", rows, View(), "A sentence that tells all of it " * 5)
+    (figure,) = pages
+    assert_apart(figure)
+    for k, axes in enumerate(figure.axes):
+        (image,) = axes.images
+        top = axes.transData.transform((0, image.get_extent()[3]))[1]
+        name = dict(words_of(figure))[f"state {k}"]
+        assert 0 < name.y0 - top < 0.2 * figure.dpi
+    bar = figure.axes[-1].lines[-1]
+    bottom = figure.axes[-1].images[0].get_extent()[2]
+    assert np.all(np.asarray(bar.get_ydata()) < bottom)
 
 
 def test_states_in_rows(

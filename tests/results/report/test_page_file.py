@@ -11,8 +11,9 @@ from helpers.runs import change_summary
 from toros_fem.base.errors import FileError, OutputError
 from toros_fem.measures.figures import Figure
 from toros_fem.results.report.page_file import write_report
-from toros_fem.results.report.tables import as_text
+from toros_fem.results.report.tables import as_text, key_figures
 from toros_fem.results.runs.run_folder import read_run
+from toros_fem.results.runs.summary_file import summary_of
 
 
 def scene_of(page: str) -> dict:
@@ -46,6 +47,17 @@ def test_a_finer_mesh_is_named(run: Path) -> None:
         page = write_report(run).read_text(encoding="utf-8")
         assert ("key figures those of a finer one" in page) is said
         assert ("dots with intervals are of a finer mesh" in page) is said
+
+
+def test_an_interval_that_is_not_known_is_told_in_words(run: Path) -> None:
+    """Warnings tell the reason."""
+    told = Figure("angle", "deg", 88.25, None, 90.0, 2.7).as_dict()
+    change_summary(run, figures=[told])
+    (line,) = key_figures(read_run(run)).rows
+    assert line[2] == "not estimated"
+    page = html.unescape(write_report(run).read_text(encoding="utf-8"))
+    assert "not estimated" in page
+    assert "not certain (error not estimated)" in as_text(summary_of(run))
 
 
 def test_nothing_is_fetched(run: Path) -> None:

@@ -97,15 +97,15 @@ class Lifted:
         made, initial = self.printed, self.initial.held_mass_kg
         lifted, most = "falls", "at least" if made.failure else "at most"
         if made.slip_mm is not None:
-            lifted = f"slides by {made.slip_mm:.1f} mm"
+            lifted = f"is lifted and slips by {made.slip_mm:.1f} mm"
         elif made.failure:
             lifted = f"is not lifted: {made.failure.rstrip('.')}"
         found = f"An object of {1e3 * self.mass_kg:.0f} g {lifted}"
         if made.held_mass_kg is None:
             return found
-        before = "" if initial is None else f" (initial design: {1e3 * initial:.0f} g)"
+        before = "" if initial is None else f", the initial design {1e3 * initial:.0f} g"
         times = made.held_mass_kg / self.mass_kg
-        held = f"{self.figures[0].shown}, {times:.2g} times that"
+        held = f"{self.figures[0].shown} ({times:.2g} times as much)"
         return f"{found}; the print holds {most} {held}{before}"
 
     def entries(self) -> dict[str, Any]:

@@ -10,6 +10,8 @@ import shapely
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 from shapely.geometry.base import BaseGeometry
 
@@ -25,6 +27,14 @@ ROUND = 1e9
 COLLINEAR = 1e-9
 # Most circles of a polar chart, so that their numbers stay apart.
 RINGS = 4
+# Points that the lines of a polar chart are divided into; room around the numbers of its circles in
+# pixels, and angles in degrees along which they are tried, between those that have names.
+SAMPLES, ROOM, TURNS = 2000, 2.0, [one + 45 * k for k in range(8) for one in (22.5, 15.0, 30.0)]
+# Inches: width and height of all panes of a page at most, the space around them, that for a title
+# and for names above them, and that for a bar of the scale below them.
+MOST, AROUND, TITLED, NAMED, BAR = (7.0, 5.2), 0.16, 0.5, 0.3, 0.4
+# Least width of a page with its title in inches; panes flatter than this stand below one another.
+LEAST, FLAT = 4.5, 0.4
 
 
 def full_circle(angles: Floats, values: Floats, symmetry: str) -> tuple[Floats, Floats]:
@@ -90,13 +100,35 @@ def plot_profile(
                 right.plot(*wanted, "o", ms=5, mfc="none", color=style.ACCENT)
             right.set_ylim(0, 1.1 * max(0.1, high))
         for axes in figure.axes:
-            if axes.name == "polar":
+            if isinstance(axes, PolarAxes):
                 axes.yaxis.set_major_locator(MaxNLocator(RINGS))
+                _turn_ring_numbers(axes)
         right.set_title("lateral contraction", pad=14)
         words = [("— printed", style.DARK), ("- - fabric without print", style.SOFT)]
         words += [("○ target", style.ACCENT)] if target is not None else []
         for k, (text, colour) in enumerate(words):
-            figure.text(0.01, 0.10 - 0.04 * k, text, color=colour)
+            figure.text(0.02, 0.10 - 0.04 * k, text, color=colour)
+
+
+def _turn_ring_numbers(axes: PolarAxes) -> None:
+    """Write the numbers of circles along the direction in which they cover curves least."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    curves = []
+    for line in axes.lines:
+        turn, value = np.array(line.get_data(), dtype=float)
+        fine, at = np.linspace(0, len(turn) - 1, SAMPLES), np.arange(len(turn))
+        points = np.column_stack([np.interp(fine, at, turn), np.interp(fine, at, value)])
+        curves.append(axes.transData.transform(points))
+    drawn = np.concatenate(curves)
+
+    def covered(angle: float) -> int:
+        axes.set_rlabel_position(angle)
+        figure.draw_without_rendering()
+        shown = [text for text in axes.get_yticklabels() if text.get_text()]
+        return sum(text.get_window_extent().padded(ROOM).count_contains(drawn) for text in shown)
+
+    axes.set_rlabel_position(min(TURNS, key=covered))
 
 
 def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
@@ -122,15 +154,15 @@ def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
 def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None:
     """Draw the print `region` in m on count × count tiles and the border of one."""
     title = f"{count} × {count} tiles; the framed one is repeated"
-    with style.page(path, title, style.TALL) as figure:
-        axes = figure.add_axes((0.02, 0.03, 0.96, 0.86))
-        corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ tile.lattice * 1e3
+    corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ tile.lattice * 1e3
+    size, (box,) = _panes(count * corner, 1)
+    with style.page(path, title, size) as figure:
+        axes = _pane(figure, box, count * corner)
         axes.add_collection(PolyCollection([count * corner[:-1]], facecolors=[style.FABRIC]))
         style.fill(axes, region, style.PRINT)
         border = corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3
         axes.plot(*border.T, color=style.ACCENT, lw=1.2)
-        _to_scale(axes)
-        style.bar_below(axes)
+        _write_bar(axes)
 
 
 def plot_deformed(
@@ -151,28 +183,58 @@ def plot_deformed(
 
 def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, title: str) -> None:
     """Draw a sheet before and after the pull to `positions` (n, 3) in m, to scale."""
-    size = np.ptp(np.concatenate([pattern.points, positions]), axis=0)[:2]
-    grid = (1, 2) if size[1] > size[0] else (2, 1)
-    with style.page(path, title[:1].upper() + title[1:], style.TALL) as figure:
-        where = {"left": 0.02, "right": 0.98, "bottom": 0.03, "top": 0.86, "hspace": 0.15}
-        row = figure.subplots(*grid, sharex=True, sharey=True, gridspec_kw=where)
+    every = 1e3 * np.concatenate([pattern.points, positions])[:, :2]
+    size, boxes = _panes(every, 2)
+    with style.page(path, title[:1].upper() + title[1:], size) as figure:
+        panes = [_pane(figure, box, every) for box in boxes]
         for axes, name, points in zip(
-            row, ("before", "pulled"), (pattern.points, positions), strict=True
+            panes, ("before", "pulled"), (pattern.points, positions), strict=True
         ):
             corners = points[pattern.triangles, :2]
             style.fill(axes, region_of_triangles(corners), style.FABRIC, edge=style.EDGE)
             style.fill(axes, region_of_triangles(corners[printed]), style.PRINT)
             axes.set_title(name, color=style.SOFT)
-            _to_scale(axes)
-        style.bar_below(row[-1])
+        _write_bar(panes[0])
+
+
+def _panes(points: Floats, count: int) -> tuple[tuple[float, float], list[style.Box]]:
+    """Return the size of a page in inches, and places on it for panes that show points, (n, 2).
+
+    They stand beside each other, flat ones below one another; the page leaves no more space.
+    """
+    extent = np.ptp(points, axis=0)
+    across, down = (1, count) if extent[1] < FLAT * extent[0] else (count, 1)
+    width, height = extent / max(extent * [across, down] / MOST)
+    named = NAMED if count > 1 else 0.0
+    wide = max(across * (width + AROUND) + AROUND, LEAST)
+    tall = TITLED + down * (height + named) + BAR
+    left = (wide - across * (width + AROUND) + AROUND) / 2
+    boxes = []
+    for k in range(count):
+        row, column = divmod(k, across)
+        low = tall - TITLED - (row + 1) * (height + named)
+        box = (left + column * (width + AROUND)) / wide, low / tall, width / wide, height / tall
+        boxes.append(box)
+    return (wide, tall), boxes
+
+
+def _pane(figure: Figure, box: style.Box, points: Floats) -> Axes:
+    """Return axes in mm that show points, (n, 2)."""
+    axes = figure.add_axes(box)
+    axes.set_axis_off()
+    (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
+    axes.set(xlim=(left, right), ylim=(low, high))
+    return axes
+
+
+def _write_bar(axes: Axes) -> None:
+    """Draw a bar of the scale below a pane."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    below = -0.75 * BAR / (figure.get_figheight() * axes.get_position().height)
+    style.scale_bar(axes, style.bar_length(float(np.ptp(axes.get_xlim()))), (0.0, below))
 
 
 def region_of_triangles(triangles: Floats) -> BaseGeometry:
     """Return the union of triangles (t, 3, 2) of one mesh."""
     return shapely.simplify(shapely.coverage_union_all(shapely.polygons(triangles)), COLLINEAR)
-
-
-def _to_scale(axes: Axes) -> None:
-    axes.set_aspect("equal")
-    axes.autoscale_view()
-    axes.set_axis_off()

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
+from textwrap import fill
 
 from mpi4py import MPI
 
@@ -28,6 +29,8 @@ from toros_fem.results.runs.summary_file import Summary, summary_of
 
 FILES = ("tolerance.json", "tolerance.csv", "tolerance.png")
 LESS = "#7FA6C9"
+# Numbers below all charts, and letters of their names in a line, at most.
+TICKS, LETTERS = 12, 80
 
 
 def tolerances_of_run(
@@ -133,18 +136,32 @@ def by_size(found: Tolerances) -> list[list[Variant]]:
 
 def plot_tolerances(path: Path, found: Tolerances) -> None:
     """Write a picture of how each metric moves, a bar for each variant (one rank)."""
-    from toros_fem.results.pictures.style import ACCENT, DARK, INK, note, page
+    from toros_fem.results.pictures.style import (
+        ACCENT,
+        DARK,
+        INK,
+        LINE,
+        note,
+        page,
+        space_numbers,
+        title_lines,
+    )
 
     pairs = by_size(found)
     bars = [(k, v) for k, pair in enumerate(pairs) for v in pair]
-    height = 1.9 + 0.34 * len(pairs)
-    where = {"left": 0.24, "right": 0.97, "bottom": 0.75 / height, "top": 1 - 0.85 / height}
+    names = [fill(metric.label, LETTERS // len(found.metrics)) for metric in found.metrics]
+    below = 0.38 + 0.15 * max(name.count("\n") + 1 for name in names)
     title = next(iter(found.worst_sentences), "What a skin does that is not made as drawn")
-    with page(path, title.rstrip("."), (8.0, height)) as figure:
+    title = title.rstrip(".")
+    head = LINE * (title_lines(title, 8.0).count("\n") + 1)
+    height = 0.92 + head + below + 0.34 * len(pairs)
+    top = 1 - (head + 0.65) / height
+    where = {"left": 0.24, "right": 0.97, "bottom": below / height, "top": top}
+    with page(path, title, (8.0, height)) as figure:
         grid = figure.subplots(
-            1, len(found.metrics), sharey=True, squeeze=False, gridspec_kw={**where, "wspace": 0.1}
+            1, len(found.metrics), sharey=True, squeeze=False, gridspec_kw={**where, "wspace": 0.12}
         )
-        for axes, metric in zip(grid[0], found.metrics, strict=True):
+        for axes, metric, name in zip(grid[0], found.metrics, names, strict=True):
             key, nominal = metric.key, found.nominal[metric.key]
             for row, variant in bars:
                 change = found.change(variant, key)
@@ -158,12 +175,13 @@ def plot_tolerances(path: Path, found: Tolerances) -> None:
                 axes.axvline(metric.target, color=ACCENT, linestyle="--", lw=1)
                 above = ("data", "axes fraction")
                 note(axes, "target", (metric.target, 1), (3, 2), ACCENT, xycoords=above)
-            axes.set_xlabel(metric.label)
+            axes.set_xlabel(name)
             axes.grid(axis="x")
-        names = [f"{pair[0].quantity} ± {pair[0].amount}" for pair in pairs]
-        grid[0, 0].set_yticks(range(len(pairs)), names)
+        rows = [f"{pair[0].quantity} ± {pair[0].amount}" for pair in pairs]
+        grid[0, 0].set_yticks(range(len(pairs)), rows)
         words = [("■ less than drawn", LESS), ("■ more than drawn", DARK)]
         if any(not variant.values for variant in found.variants):
             words.append(("× no equilibrium", ACCENT))
         for k, (text, colour) in enumerate(words):
-            figure.text(0.02 + 0.22 * k, 1 - 0.52 / height, text, color=colour)
+            figure.text(0.02 + 0.22 * k, 1 - (head + 0.32) / height, text, color=colour)
+        space_numbers(figure, grid[0], TICKS // len(found.metrics))

@@ -33,9 +33,11 @@ def draw_curve(figure: Figure, curve: Curve, figures: Sequence[Told]) -> None:
     Their intervals and targets are those at the pressure of the design.
     """
     units = list(dict.fromkeys(told.unit for told in figures))
+    # Curves that share axes have their names at the right.
+    right = 0.97 if len(units) == len(figures) else 0.88
     grid = figure.subplots(
         len(units), 1, sharex=True, squeeze=False,
-        gridspec_kw={"left": 0.09, "right": 0.88, "bottom": 0.11, "top": 0.88, "hspace": 0.15},
+        gridspec_kw={"left": 0.09, "right": right, "bottom": 0.11, "top": 0.88, "hspace": 0.15},
     )[:, 0]  # fmt: skip
     keys = {told.key for told in figures}
     beside = [one.pressure for one in curve.measured if one.key in keys]
@@ -162,7 +164,11 @@ def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | N
     right.plot(count, values, color=style.SECOND, lw=1.4)
     right.set_ylabel(axis_label([told]), color=style.SECOND)
     if told.target is not None:
-        right.axhline(factor * told.target, color=style.ACCENT, ls="--", lw=1)
+        height = factor * told.target
+        right.axhline(height, color=style.ACCENT, ls="--", lw=1)
+        lines = [np.column_stack([count, values]), np.array([(0, height), (count[-1], height)])]
+        name = f"target {formatted(told.target, told.unit)}"
+        write_words(right, [Word(name, (count[-1] / 2, height), style.ACCENT, 8.0)], lines)
 
 
 def cycle_title(stride: Told | None, otherwise: str) -> str:

@@ -41,6 +41,8 @@ CLOSE = 4.0
 MOST_ROWS = 14
 # Colours of line families, in turn.
 FAMILIES = style.SERIES[1:5]
+# Part of the area from which on line families are those of the whole.
+WHOLE = 0.9
 # Length of the mark of the largest share, over the mean edge length.
 MARK = 1.1
 # Colours of slack, wrinkled and taut triangles.
@@ -272,9 +274,11 @@ def draw_lines(figure: Figure, field: LineField, pattern: Pattern, regions: Regi
         axes.add_collection(_marks(field, int(family), colour, places), autolim=False)
         if order < len(FAMILIES):
             share = float(area @ field.shares[:, family]) / float(area.sum())
-            words = f"{100 * share:.1f} % of the area"
+            words = f"— {100 * share:.1f} % of the area"
             figure.text(0.02 + 0.20 * order, 0.03, words, color=colour)
     draw_panels(figure, (0.51, 0.10, 0.47, 0.79), pattern, regions)
+    if float(area.sum()) < WHOLE * float(pattern.areas.sum()):
+        figure.text(0.98, 0.03, "left: the part that is designed", color=style.SOFT, ha="right")
 
 
 def _marks(field: LineField, family: int, colour: str, places: Sequence[Affine]) -> LineCollection:

@@ -21,19 +21,19 @@ from toros_fem.results.pictures.words import Word, write_words
 Scenes = Sequence[tuple[str, Sequence[Surface]]]
 # Opacity of the first state, and of the last one but one.
 FIRST, BEFORE = 0.22, 0.5
-# Distance of a state's name from its tip, in points.
-NAME = 28.0
+# Room for names of states beside and above them, in points.
+BESIDE, ABOVE_ALL = 62.0, 22.0
 # Points between a state and its name above; room beside states for the bar of the scale, over the
 # width of all.
 NAME_OFF, BAR_BESIDE = 4.0, 0.15
-# Distances that names of states above each other are tried at.
-REACH = (8.0, 14.0, 20.0, 26.0, 34.0, 44.0)
-# On these sides of the tip, since earlier states are at the left.
-AWAY = ((0, 1), (1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (0, -1), (-1, -1))
+# Distances from a tip at which the name of its state is tried, in points; turns in degrees from
+# where the tip points to.
+REACH = (8.0, 10.0, 13.0, 16.0, 20.0, 26.0, 34.0, 44.0)
+TURNS = (0, 20, -20, 40, -40, 60, -60, 90, -90)
 # Elevation and further turn of the view, in degrees.
 ABOVE, TURN = 12.0, -20.0
-# Part of the vertices that move less than the tip.
-TIP = 0.95
+# Parts of the vertices that move less than the tip, and than where it begins.
+TIP, NECK = 0.95, 0.75
 # States stand in rows where the last one covers more than this part of the skin at rest.
 COVERED = 0.6
 # Width in pixels of the picture that this is found by.
@@ -84,10 +84,11 @@ def _draw_over(
     """Draw states where they are, each over the earlier ones."""
     placed = [skin.points for _, (skin, *_) in scenes]
     moves = np.linalg.norm(placed[-1] - placed[0], axis=1)
-    tip = moves >= np.quantile(moves, TIP)
+    tip, below = moves >= np.quantile(moves, TIP), moves < np.quantile(moves, TIP)
+    neck = below & (moves >= np.quantile(moves, NECK))
     others = [body.points for body in scenes[-1][1][1:]] + ([] if target is None else [target])
     across, up = 72 * figure.get_size_inches() * box[2:]
-    room = (2.2 * NAME / across, 2.2 * NAME / across, 0.03, 1.6 * NAME / up)
+    room = (BESIDE / across, BESIDE / across, 0.03, ABOVE_ALL / up)
     stage = Stage(figure, box, view, np.concatenate([*placed, *others]), room)
     opacities = [*np.linspace(FIRST, BEFORE, len(scenes) - 1), 1.0]
     for (_, surfaces), opacity in zip(scenes, opacities, strict=True):
@@ -95,13 +96,19 @@ def _draw_over(
     if target is not None:
         stage.outline(drawn, target)
     stage.bar()
-    flat = [1e3 * view.project(x) for x in placed]
-    words = [
-        Word(name, tuple(x[tip].mean(axis=0)), INK if x is flat[-1] else SOFT, bold=x is flat[-1])
-        for (name, _), x in zip(scenes, flat, strict=True)
-    ]
-    seen = [1e3 * view.project(points) for points in others]
-    write_words(stage.axes, words[::-1], [*flat, *seen], REACH, AWAY)
+    words = []
+    for (name, _), points in zip(scenes, placed, strict=True):
+        flat, last = 1e3 * view.project(points), points is placed[-1]
+        at = flat[tip].mean(axis=0)
+        sides = _fan(at - flat[neck].mean(axis=0))
+        words.append(Word(name, tuple(at), INK if last else SOFT, bold=last, sides=sides))
+    write_words(stage.axes, words[::-1], [], REACH, stage.covered)
+
+
+def _fan(along: Floats) -> list[tuple[float, float]]:
+    """Return sides of a tip that points along a direction, (2,): the nearest ones first."""
+    angles = np.arctan2(along[1], along[0]) + np.radians(TURNS)
+    return [(float(np.cos(angle)), float(np.sin(angle))) for angle in angles]
 
 
 def _draw_in_rows(
@@ -126,9 +133,10 @@ def _draw_in_rows(
         stage.draw([replace(one, points=one.points + move) for one in surfaces])
         if last and target is not None:
             stage.outline(drawn, target + move)
-        (left, _), (right, top) = 1e3 * (extents[k] + rows.moves[k])
+        left, right = 1e3 * (extents[k][:, 0] + rows.moves[k, 0])
         note(
-            stage.axes, name, ((left + right) / 2, top), (0, NAME_OFF), INK if last else SOFT, TEXT,
+            stage.axes, name, ((left + right) / 2, 1e3 * rows.tops[k]), (0, NAME_OFF),
+            INK if last else SOFT, TEXT,
             ha="center", va="bottom", zorder=5, fontweight="bold" if last else "normal",
         )  # fmt: skip
     stage.bar()
@@ -157,11 +165,13 @@ class Arrangement:
     Attributes:
         scale: Points on the page per m.
         moves: How far each state is moved to the right and upwards, (n, 2), in m.
+        tops: Height of the row of each state, below its names, (n,), in m.
         low, high: Corners of what all need with their names, (2,), in m.
     """
 
     scale: float
     moves: Floats
+    tops: Floats
     low: Floats
     high: Floats
 
@@ -194,8 +204,9 @@ def _in_columns(extents: Floats, columns: int, space: Floats) -> Arrangement:
     pitch = max(pitch, width + GAP / scale)
     bottoms = GAP / scale - np.cumsum(heights + (NAME_ABOVE + GAP) / scale)
     number = np.arange(len(extents))
-    moves = np.stack([number % columns * pitch, (bottoms - low)[number // columns]], axis=1)
+    row = number // columns
+    moves = np.stack([number % columns * pitch, (bottoms - low)[row]], axis=1)
     middle = (columns - 1) * pitch / 2 + left + width / 2
     half = max(columns * pitch, width) / 2
     corners = np.array([[middle - half, bottoms[-1]], [middle + half, 0.0]])
-    return Arrangement(scale, moves, *corners)
+    return Arrangement(scale, moves, (bottoms + heights)[row], *corners)

@@ -60,7 +60,8 @@ class _Pictures:
             skin = read_skin(run.folder / FOLDER / self.state.skin)
             self.drawn = DrawnSkin(skin, self.state.density)
             pressure = self.state.values.get("pressure_pa")
-            self.title = sentence(self.figures, pressure)
+            there = [told for told in self.figures if told.key in self.state.values]
+            self.title = sentence(there or self.figures, pressure)
 
     def draw(self) -> list[Path]:
         if self.state is not None:
@@ -140,9 +141,7 @@ class _Pictures:
         ]
         regions = None if self.state is None else self.drawn.skin.regions
         told = next((f for f in self.figures if f.key in rows[-1]), None)
-        seconds = (self.run.summary.entries.get("seconds") or {}).get("total")
         title = f"Designed in {int(rows[-1]['iteration'])} iterations"
-        title += "" if seconds is None else f", {seconds:.0f} s"
         with self._page("design.png", title, TALL) as figure:
             width = 0.98 / max(len(frames) + (regions is not None), 1)
 
@@ -152,10 +151,11 @@ class _Pictures:
                 return left, BOTTOM, wide, HEIGHT
 
             for k, (name, pattern, density) in enumerate(frames):
-                draw_density(figure, place(k, name), pattern, density)
+                draw_density(figure, place(k, name), pattern, density).set_anchor("N")
             if regions is not None:
                 box = place(len(frames), "print")
-                draw_panels(figure, box, self.drawn.pattern, regions, names=False)
+                axes, _ = draw_panels(figure, box, self.drawn.pattern, regions, names=False)
+                axes.set_anchor("N")
             draw_history(figure.add_axes((0.10, 0.09, 0.78, 0.26)), rows, told)
 
 

@@ -16,7 +16,7 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.miss import Miss, Tip
 from toros_fem.results.pictures import style, verdicts
-from toros_fem.results.pictures.raster import Surface
+from toros_fem.results.pictures.raster import MARGIN, Surface
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage, ground_below
 from toros_fem.results.pictures.view import View
@@ -26,7 +26,7 @@ from toros_fem.results.pictures.words import Word, write_words
 HEAD, WORDS, BORDER = 0.72, 2.72, 0.12
 # Width over height of views: of a slender upright body, whose end is enlarged instead of seen from
 # above; and the least width and height in inches of what stands beside and below.
-SLENDER, LEAST_BESIDE, LEAST_BELOW = 0.5, 1.55, 1.2
+SLENDER, LEAST_BESIDE, LEAST_BELOW = 0.5, 1.55, 1.1
 # Part of a slender body at its free end that is enlarged.
 ENLARGED = 0.25
 # Room for captions below a view, in inches, and at its four sides, over its extent.
@@ -35,19 +35,24 @@ CAPTION, ROOM = 0.24, (0.06, 0.06, 0.12, 0.03)
 ARROW, RAY = 0.02, 0.13
 # Degrees from which on both directions of a tip are drawn.
 SEEN = 2.0
+# Distances in points from a tip at which its words are tried.
+NEAR_TIP = (7.0, 12.0, 20.0, 32.0, 48.0, 70.0, 100.0)
 # Vertices that moved less than this over the size of the skin are held, and are flat so far.
 HELD, FLAT = 1e-4, 0.1
+# The word for it is tried below its mark first; height of the mark, and distances, in points.
+BELOW = ((0, -1), (1, -1), (-1, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (0, 1))
+HATCH, NEAR_HELD = 6.0, (12.0, 20.0, 32.0, 48.0, 70.0)
 # Left, bottom, width and height of the views of a miss and of its colours, over the page.
 SIDE_BOX = (0.01, 0.02, 0.60, 0.87)
 OBLIQUE_BOX = (0.63, 0.44, 0.36, 0.46)
 SCALE_BOX = (0.66, 0.20, 0.30, 0.035)
+# Inches of a picture of states: a name above a state, that with the space below the state, and a
+# bar of the scale below all.
+NAMED, OVER, BAR = 0.26, 0.34, 0.36
 # Letters in a line below its colours.
 LETTERS = 44
-# What colours of a miss mean: for all points, and beside the mean of cross-sections.
-WHAT_IS_SHOWN = (
-    "distance of each point from its target{} in mm",
-    "distance of each point from its target{} in mm; the title is of centres of cross-sections",
-)
+# What colours of a miss mean.
+WHAT_IS_SHOWN = "distance of each point from its target{} (mm)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +139,7 @@ def draw_shape(
         for stage in (main, beside):
             words, lines = _mark_tip(stage, shown.miss, shown.miss.tip)
             if stage is labelled:
-                skins = [shown.positions] + ([] if shown.target is None else [shown.target])
-                points = 1e3 * stage.view.project(np.concatenate(skins))
-                write_words(stage.axes, words, lines, points=points)
+                write_words(stage.axes, words, lines, NEAR_TIP, stage.covered)
     _mark_held(main, drawn, shown.positions)
 
 
@@ -230,8 +233,11 @@ def _mark_held(stage: Stage, drawn: DrawnSkin, positions: Floats) -> None:
     stage.axes.plot([low[0], high[0]], [low[1], low[1]], color=style.INK, lw=2.5, zorder=5)
     for x in np.linspace(low[0], high[0], 7):
         look = {"arrowstyle": "-", "color": style.INK, "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
-        style.note(stage.axes, "", (x, low[1]), (-5, -6), arrowprops=look)
-    style.note(stage.axes, "held", (high[0], low[1]), (5, -7), style.INK)
+        style.note(stage.axes, "", (x, low[1]), (-5, -HATCH), arrowprops=look)
+    middle = (float(low[0] + high[0]) / 2, float(low[1]))
+    word = Word("held", middle, style.INK, 8.0, sides=BELOW)
+    line = np.array([low, [high[0], low[1]]])
+    write_words(stage.axes, [word], [line], NEAR_HELD, stage.covered)
 
 
 def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
@@ -246,11 +252,11 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
     most = max(float(miss.each.max()), 1e-6)
     scale = ScalarMappable(Normalize(0, 1e3 * most), style.SEQUENTIAL)
     colours = scale.to_rgba(1e3 * miss.each)[:, :3][drawn.pattern.triangles]
-    of = "12 cross-sections" if miss.by_sections else "all points"
+    which = "Centres of cross-sections" if miss.by_sections else "All points"
     style.write_title(
         figure,
-        f"{1e3 * miss.rms:.2g} mm from the target, {100 * miss.rms / miss.length:.1f} % of the "
-        f"length: root mean square of {of}",
+        f"{which} are {1e3 * miss.rms:.2g} mm off (root mean square), "
+        f"{100 * miss.rms / miss.length:.1f} % of the length",
     )
     side, oblique = drawn.views(shown.positions)
     for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
@@ -262,7 +268,7 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
     bar = figure.colorbar(scale, cax=figure.add_axes(SCALE_BOX), orientation="horizontal")
     axes_named = " and ".join(np.array(list("xyz"))[list(drawn.skin.compared)])
     along = "" if all(drawn.skin.compared) else f" along {axes_named}"
-    bar.set_label(fill(WHAT_IS_SHOWN[miss.by_sections].format(along), LETTERS))
+    bar.set_label(fill(WHAT_IS_SHOWN.format(along), LETTERS))
 
 
 def plot_states(
@@ -278,25 +284,40 @@ def plot_states(
     Each state has its name and surfaces, in rows of equal length; the ground has a height in m, and
     the way is an arrow on the last state, between two points (3,) in m.
     """
-    every = np.concatenate([s.points for row in rows for _, surfaces in row for s in surfaces])
-    shown = every
-    if ground is not None:
-        every = np.concatenate([every, ground_below(every, ground)])
-    across, down = max(map(len, rows)), len(rows)
-    extent = np.ptp(view.project(every), axis=0)
-    # As high as the states need, between a strip and a square.
-    height = float(np.clip(style.SIZE[0] / across * extent[1] / extent[0] * down + 0.8, 2.2, 8.0))
-    top = 1 - (0.45 if title else 0.08) / height
-    with style.page(path, title, (style.SIZE[0], height)) as figure:
+    width, across = style.SIZE[0], max(map(len, rows))
+    every = np.concatenate([s.points for row in rows for _, parts in row for s in parts])
+    floor = [] if ground is None else [ground_below(every, ground)]
+    flat = [
+        view.project(np.concatenate([*(s.points for _, parts in row for s in parts), *floor]))
+        for row in rows
+    ]
+    low, high = (np.array([end(points, axis=0) for points in flat]) for end in (np.min, np.max))
+    left, right = float(low[:, 0].min()), float(high[:, 0].max())
+    # Each row is as high as its states, all in one scale; they are no higher than the page is wide.
+    heights, beside = high[:, 1] - low[:, 1], (1 - 2 * MARGIN) * width / across
+    scale = min(beside / (right - left), (width - OVER * len(rows)) / float(heights.sum()))
+    boxes = [scale * float(height) + OVER for height in heights]
+    lines = len(style.title_lines(title, width).split("\n")) if title else 0
+    head = style.BORDER + style.LINE * lines
+    page = head + sum(boxes) + BAR
+    with style.page(path, title, (width, page)) as figure:
+        top = page - head
         for j, row in enumerate(rows):
+            last = j == len(rows) - 1
+            deep = boxes[j] + (BAR if last else 0.0)
+            # The corners of the box in m, within the margin that a stage has.
+            middle = np.array([(left + right) / 2, high[j, 1] + (NAMED - deep / 2) / scale])
+            half = (1 - 2 * MARGIN) * np.array([width / across, deep]) / 2 / scale
+            corners = np.stack([middle - half, middle + half]) @ view.directions[:2]
             for i, (name, surfaces) in enumerate(row):
-                box = (i / across, top - (j + 1) * top / down, 1 / across, top / down)
-                stage = Stage(figure, box, view, every, (0.0, 0.0, 0.0, 0.08))
+                box = (i / across, (top - deep) / page, 1 / across, deep / page)
+                stage = Stage(figure, box, view, corners)
                 if ground is not None:
-                    stage.ground(ground, shown)
+                    stage.ground(ground, every)
                 stage.draw(surfaces)
                 stage.caption(name, 1, -4)
-                if way is not None and j == down - 1 and i == len(row) - 1:
+                if last and way is not None and i == len(row) - 1:
                     stage.way(*way, style.ACCENT)
-                if i == 0 and j == down - 1:
+                if last and i == 0:
                     stage.bar()
+            top -= boxes[j]

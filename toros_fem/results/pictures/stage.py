@@ -14,6 +14,9 @@ from toros_fem.results.pictures.shown import DrawnSkin, visible
 from toros_fem.results.pictures.style import ACCENT, DPI, GROUND, Box, bar_length, note, scale_bar
 from toros_fem.results.pictures.view import View
 
+# Distance in points of the points that stand for a covered area.
+EVERY = 3.0
+
 
 def ground_below(points: Floats, height: float) -> Floats:
     """Return the corners in space, (4, 3), of the ground below points, (n, 3), at a height in m."""
@@ -51,7 +54,13 @@ class Stage:
         self._extent = (low[0], high[0], low[1], high[1])
         self.axes: Axes = figure.add_axes(box)
         self.axes.set_axis_off()
+        self._covered: list[Floats] = []
         self._limit()
+
+    @property
+    def covered(self) -> Floats:
+        """Points in mm, (n, 2), close to each other, of all that surfaces and outlines cover."""
+        return np.concatenate([np.zeros((0, 2)), *self._covered])
 
     def draw(self, surfaces: Sequence[Surface], opacity: float = 1.0) -> Image:
         """Draw surfaces, and return their picture."""
@@ -60,6 +69,7 @@ class Stage:
         self.axes.imshow(
             image.colours, extent=(left, right, low, high), interpolation="none", alpha=opacity
         )
+        self._covered.append(_filled(image))
         self._limit()
         return image
 
@@ -74,6 +84,7 @@ class Stage:
             covered, levels=[127.5], colors=[ACCENT], linewidths=1.6, linestyles="--",
             extent=(left, right, low, high),
         )  # fmt: skip
+        self._covered.append(_filled(image))
         self.lines(drawn, positions, image, ACCENT, ":")
 
     def lines(
@@ -110,7 +121,9 @@ class Stage:
 
     def bar(self) -> None:
         """Draw a bar that shows the scale."""
-        scale_bar(self.axes, bar_length(self._extent[1] - self._extent[0]), (0.02, 0.03))
+        box = self.axes.get_position()
+        left = max(0.02, (0.02 - box.x0) / box.width)  # at least as far from the border as a title
+        scale_bar(self.axes, bar_length(self._extent[1] - self._extent[0]), (left, 0.03))
 
     def caption(self, words: str, at: float, up: float) -> None:
         """Write words below a height, over that of the axes, which is moved by some points."""
@@ -119,3 +132,14 @@ class Stage:
     def _limit(self) -> None:
         self.axes.set_xlim(self._extent[:2])
         self.axes.set_ylim(self._extent[2:])
+
+
+def _filled(image: Image) -> Floats:
+    """Return points in mm, (n, 2), `EVERY` points apart, of what a picture covers."""
+    step = max(1, round(EVERY * DPI / 72))
+    rows, columns = np.nonzero(image.colours[..., 3])
+    wide = image.colours.shape[1] // step + 1
+    row, column = np.divmod(np.unique(rows // step * wide + columns // step), wide)
+    window = image.window
+    across, up = (np.array([column, row]) + 0.5) * step / window.scale
+    return 1e3 * np.column_stack([window.low[0] + across, window.high[1] - up])

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
-from textwrap import wrap
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 from matplotlib.text import Annotation
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 from shapely import get_coordinates, get_parts, get_rings
 from shapely.geometry.base import BaseGeometry
@@ -49,8 +51,10 @@ SIGNED = LinearSegmentedColormap.from_list("signed", [SECOND, "white", ACCENT])
 SIZE, TALL, STRIP, DPI = (8.0, 4.5), (8.0, 6.0), (8.0, 3.1), 200
 # Room for a bar of the scale, in points.
 BAR_ROOM = 30.0
-# Mean width of a bold letter over its size.
-LETTER = 0.57
+# Space between a title and the border of its page, and a line of it, in inches.
+BORDER, LINE = 0.12, 0.2
+# Least space between numbers below charts, in points.
+APART = 4.0
 # Sizes of letters in points.
 TEXT, TITLE, LARGE = 9.0, 11.0, 20.0
 LETTERS = {
@@ -82,8 +86,24 @@ LETTERS = {
 def write_title(figure: Figure, sentence: str) -> None:
     """Write a sentence with the result at the top of a page, on several lines if it is long."""
     width, height = figure.get_size_inches()
-    lines = "\n".join(wrap(sentence, int(0.98 * 72 * width / (LETTER * TITLE))))
-    figure.text(0.02, 1 - 0.12 / height, lines, fontsize=TITLE, fontweight="bold", va="top")
+    lines = title_lines(sentence, width)
+    top = 1 - BORDER / height
+    figure.text(0.02, top, lines, fontsize=TITLE, fontweight="bold", va="top")
+
+
+def title_lines(sentence: str, width: float) -> str:
+    """Return a sentence in lines that fit as a title on a page of a width in inches."""
+    # Letters are a little narrower or wider where a picture has fewer pixels.
+    sheet = Figure(figsize=(width, 1.0), dpi=DPI)
+    title = sheet.text(0, 0, "", fontsize=TITLE, fontweight="bold", parse_math=False)
+    renderer = FigureCanvasAgg(sheet).get_renderer()
+    lines = [""]
+    for word in sentence.split():
+        longer = f"{lines[-1]} {word}".strip()
+        title.set_text(longer)
+        fits = title.get_window_extent(renderer).width <= 0.96 * sheet.bbox.width
+        lines = [*lines[:-1], longer] if fits or not lines[-1] else [*lines, word]
+    return "\n".join(lines)
 
 
 @contextmanager
@@ -139,17 +159,37 @@ def note(
     )
 
 
+def space_numbers(figure: Figure, row: Iterable[Axes], most: int) -> None:
+    """Take so few numbers below charts that are beside each other that none meet, and so many."""
+    charts = list(row)
+    for count in range(most, 0, -1):
+        for axes in charts:
+            few = MaxNLocator(count, steps=(1, 2, 5, 10), min_n_ticks=1)
+            axes.xaxis.set_major_locator(few)
+        figure.draw_without_rendering()
+        ends = sorted(
+            (box.x0, box.x1)
+            for axes in charts
+            for box in (text.get_window_extent() for text in axes.get_xticklabels())
+            if axes.bbox.x0 - 1 <= (box.x0 + box.x1) / 2 <= axes.bbox.x1 + 1
+        )
+        apart = APART / 72 * figure.dpi
+        if all(before[1] + apart <= after[0] for before, after in pairwise(ends)):
+            return
+
+
 def scale_bar(axes: Axes, length: float, at: tuple[float, float]) -> None:
     """Draw a bar of a length in mm on axes in mm, and write its length.
 
-    Its left end is given in fractions of the axes.
+    Its left end is given in fractions of the axes, which it may be outside of.
     """
     left, right = axes.get_xlim()
     start = left + at[0] * (right - left)
     low, high = axes.get_ylim()
     height = low + at[1] * (high - low)
-    axes.plot([start, start + length], [height] * 2, color=INK, lw=2, solid_capstyle="butt")
-    note(axes, f"{length:g} mm", (start, height), (0, 4), INK)
+    ends, look = [start, start + length], {"solid_capstyle": "butt", "clip_on": False}
+    axes.plot(ends, [height] * 2, color=INK, lw=2, scalex=False, scaley=False, **look)
+    note(axes, f"{length:g} mm", (start, height), (0, 4), INK, annotation_clip=False)
 
 
 def bar_below(axes: Axes) -> None:

@@ -24,6 +24,8 @@ AFTER = {"_".join(DISTANCE): " of the length"}
 # Figures that are told at most beside those of the shape; heights of rows and lines in inches.
 MOST_FIGURES = 3
 ROW, LINE = 0.40, 0.155
+# Space above the legend, in inches.
+LEGEND = 0.05
 # Letters of a line of notes in an inch, and the size of notes in points.
 LETTERS_PER_INCH, NOTE = 17.5, 7.5
 BY_SECTIONS = (
@@ -139,6 +141,7 @@ def write_notes(axes: Axes, notes: Sequence[str], top: float, colour: str = SOFT
 
 def write_legend(axes: Axes, lines: bool, top: float) -> float:
     """Say what the lines of a view are, also those on the skin; return where it ends."""
+    top -= LEGEND
     entries = [("outline of the target", [(ACCENT, "--")])]
     if lines:
         entries.append(("line along the skin: as wanted, as found", [(ACCENT, ":"), (EDGE, "-")]))

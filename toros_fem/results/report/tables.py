@@ -25,6 +25,8 @@ from toros_fem.results.runs.warnings import notes_at
 METRIC_UNITS = ("deg", "percent", "mm", "ratio")
 # Columns of the history that do not name their unit.
 BARE = {"pressure": "pa", "perimeter": "m"}
+# What stands for the interval of a figure that is judged without one; warnings tell why.
+UNKNOWN = "not estimated"
 # Units of figures that a terminal does not tell.
 UNTOLD = ("m3", "use")
 Pairs = list[tuple[str, str]]
@@ -78,11 +80,12 @@ def key_figures(run: Run) -> Table:
         if not run.summary and run.history:
             designed = run.history[-1].get(figure.key)
         width, unit = figure.interval, figure.unit
+        unknown = UNKNOWN if _of_unknown_error(figure) else NONE
         rows.append(
             [
                 figure.label,
                 formatted(figure.value, unit),
-                NONE if width is None else f"± {formatted(float(f'{width:.2g}'), unit)}",
+                unknown if width is None else f"± {formatted(float(f'{width:.2g}'), unit)}",
                 figure.asked or NONE,
                 formatted(designed, unit),
                 figure.state or "",
@@ -106,6 +109,11 @@ def verdict(run: Run) -> tuple[str, list[str]]:
     return word, [*found, *([f"What binds: {'; '.join(binding)}."] if binding else [])]
 
 
+def _of_unknown_error(figure: Figure) -> bool:
+    """Return whether a figure is judged without an interval."""
+    return figure.state is not None and figure.value is not None and figure.interval is None
+
+
 def as_text(summary: Summary) -> str:
     """Return verdict, figures, what binds and warnings as lines for a terminal."""
     entries, designed = summary.entries, _designed(summary)
@@ -120,7 +128,7 @@ def as_text(summary: Summary) -> str:
             figure.shown,
             figure.asked,
             figure.rounded(designed[figure.key]) if figure.key in designed else "",
-            figure.state or "",
+            f"{figure.state or ''}{f' (error {UNKNOWN})' * _of_unknown_error(figure)}",
         ]
         for figure in figures
     ]
@@ -152,7 +160,7 @@ def further_figures(run: Run) -> Pairs:
         if (value := run.summary.value(key)) is not None:
             found.append(as_shown(key, value))
     if (use := run.summary.value("stretch_use")) is not None:
-        found.append(("of the stretch bounds", f"{use:.0%} used"))
+        found.append(("of the stretch bounds", f"{100 * use:.0f} % used"))
     first, last = entries.get("objective_first"), entries.get("objective_last")
     if is_number(first) and is_number(last):
         found.append(("objective T", f"{first:.3g} → {last:.3g}"))
