@@ -65,7 +65,7 @@ Need = tuple[str, tuple[Any, ...]]
 METRIC_UNITS = {None: "ratio", "%": "percent"}
 # A number in a text, for editors.
 NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*"
-CONFIG = ConfigDict(arbitrary_types_allowed=True, extra="forbid", defer_build=True)
+CONFIG = ConfigDict(arbitrary_types_allowed=True, extra="forbid")
 
 
 @dataclass(frozen=True)
