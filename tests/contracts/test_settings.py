@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import MANY, NONE, Key, Table
+from toros_fem.base.keys import MANY, NONE, Key, Real, Table
 from toros_fem.base.scene import Scene
 from toros_fem.cli.commands import main  # noqa: F401
 from toros_fem.design.loop.options import DesignOptions, Stage
@@ -85,7 +85,7 @@ def test_settings_are_found() -> None:
 @OF_TABLES
 def test_wrong_values_are_refused_by_name(table: type[Table]) -> None:
     for key in values_of(table):
-        wrong = [value for value in OTHERS[key.kind] if not (value is None and key.optional)]
+        wrong = [value for value in OTHERS[key.kind] if not (value is None and key.one.optional)]
         wrong += [value for value, allowed in near(key) if not allowed]
         wrong += ["no such word"] if key.words else []
         wrong = [[value] for value in wrong] + [5] if key.several else wrong
@@ -103,7 +103,8 @@ def test_values_are_written_and_read_again(table: type[Table]) -> None:
         values: list[Any] = [*key.words, *([None] if key.optional else [])]
         values += [] if key.default is MISSING or key.several else [key.default]
         values += [value for value, allowed in near(key) if allowed]
-        values += [] if key.words else MORE[key.kind]
+        pair = key.kind is tuple and key.hint != tuple[Real, Real]
+        values += [] if key.words or pair else MORE[key.kind]
         for value in values:
             plain = isinstance(value, str | bool | Path | None) or key.kind is tuple
             if plain or value in key.within:

@@ -183,6 +183,7 @@ Real = Annotated[float, In()]
 Length = Annotated[float, In("m", above=0)]
 Distance = Annotated[float, In("m", at_least=0)]
 Place = Annotated[float, In("m")]
+Area = Annotated[float, In("m²", above=0)]
 Modulus = Annotated[float, In("Pa", above=0)]
 Pressure = Annotated[float, In("Pa", at_least=0)]
 Angle = Annotated[float, In("deg")]
@@ -239,7 +240,10 @@ class Key:
     @property
     def one(self) -> Key:
         """The key of one of several values."""
-        return replace(self, hint=get_args(self.hint)[0], several=False) if self.several else self
+        if not self.several:
+            return self
+        hint = get_args(self.hint)[0]
+        return replace(self, hint=hint, several=False, optional=_without_none(hint)[1])
 
     @property
     def ending(self) -> str:
@@ -483,12 +487,11 @@ def _keys(table: type[Table]) -> Mapping[str, Key]:
 
 def _key(table: str, one: dataclasses.Field[Any], hint: Any) -> Key:
     """Return the key of a field, from its type: Length, Poisson | None, tuple[str, ...]."""
-    parts = get_args(hint) if get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
-    kind = next(part for part in parts if part is not types.NoneType)
+    kind, optional = _without_none(hint)
     if several := get_args(kind)[1:] == (...,):
-        kind = get_args(kind)[0]
+        kind, _ = _without_none(get_args(kind)[0])
     kind, limits = get_args(kind)[:2] if get_origin(kind) is Annotated else (kind, None)
-    kind = tuple if kind == tuple[Real, Real] else kind
+    kind = tuple if get_origin(kind) is tuple else kind
     if not (kind in WORDS or is_dataclass(kind)) or "description" not in one.metadata:
         raise TypeError(
             f"{table}.{one.name} must be a number, Flag, str or Path (or None), several of one of "
@@ -500,10 +503,17 @@ def _key(table: str, one: dataclasses.Field[Any], hint: Any) -> Key:
         kind,
         one.metadata["description"],
         one.default,
-        optional=types.NoneType in parts,
+        optional=optional,
         within=limits if isinstance(limits, In) else In(),
         words=limits.words if isinstance(limits, OneOf) else (),
         several=several,
         metric=one.metadata.get("metric"),
         free=one.metadata.get("free", False),
     )
+
+
+def _without_none(hint: Any) -> tuple[Any, bool]:
+    """Return a type without None, and whether it may be None."""
+    if get_origin(hint) not in (typing.Union, types.UnionType):
+        return hint, False
+    return next(part for part in get_args(hint) if part is not types.NoneType), True

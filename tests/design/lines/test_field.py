@@ -20,5 +20,5 @@ def test_holds_copies_that_do_not_change() -> None:
 
 
 def test_one_width_counts_for_all_families() -> None:
-    assert LineOptions(widths=[1e-3]).width_of(1, 2) == 1e-3
+    assert LineOptions(widths=(1e-3,)).width_of(1, 2) == 1e-3
     assert LineOptions(widths=(4e-3, 1e-3)).width_of(1, 2) == 1e-3

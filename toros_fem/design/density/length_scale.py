@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.keys import Area, In, Length, Positive, Table, key
 from toros_fem.base.mpi import sum_over_ranks, total
-from toros_fem.base.validation import (
-    require_between,
-    require_positive,
-)
 from toros_fem.design.density.bar_width import (
     bar_violation,
     threshold_for_width,
@@ -31,39 +29,31 @@ THIN = 0.85
 ALLOWED = 1.0
 
 
-@dataclass(frozen=True)
-class LengthScale:
+class LengthScale(Table):
     """Parameters of the two constraints; `None` derives a value from filter and mesh.
 
-    Attributes:
-        line_width: Smallest width of a printed line in m; None: the filter's R.
-        gap_width: Smallest width of a gap between lines in m; None: the filter's R.
-        solid_threshold, void_threshold: η_r and η_t, 0.7 and 0.3 in the paper; None: the thresholds
-            at which a straight line or gap of the requested width is just allowed
-            (`threshold_for_width`).
-        decay: c in m²: a place where ‖∇ρ̃‖ exceeds 1/√c counts as a border, not as a ridge.
-            None: R⁴/h² for edge length h, but at least 25 R². With less, borders of wide lines
-            count too. With much more, the result depends on how the mesh lies under the ridge of a
-            thin line.
-        epsilon: ε, the upper bound of both constraints; 1e-3 in the paper, with which any number
-            of thin lines passes. None: for each of the two, the value for straight lines or gaps
-            of 0.85 times the requested width and of length R.
+    The thresholds are by default those at which a straight line or gap of the requested width is
+    just allowed (`threshold_for_width`). A decay c is R⁴/h² for edge length h, but at least 25 R²:
+    with less, borders of wide lines count too; with much more, the result depends on how the mesh
+    lies under the ridge of a thin line. The bound ε is by default, for each of the two, the value
+    for straight lines or gaps of 0.85 times the requested width and of length R; with 1e-3, as in
+    the paper, any number of thin lines passes.
     """
 
-    line_width: float | None = None
-    gap_width: float | None = None
-    solid_threshold: float | None = None
-    void_threshold: float | None = None
-    decay: float | None = None
-    epsilon: float | None = None
-
-    def __post_init__(self) -> None:
-        given = {k: v for k, v in vars(self).items() if v is not None and "threshold" not in k}
-        require_positive(**given)
-        if self.solid_threshold is not None:
-            require_between(0.5, 1.0, solid_threshold=self.solid_threshold)
-        if self.void_threshold is not None:
-            require_between(0.0, 0.5, void_threshold=self.void_threshold)
+    line_width: Length | None = key(None, "smallest width of a printed line; none takes R")
+    gap_width: Length | None = key(None, "smallest width of a gap between lines; none takes R")
+    solid_threshold: Annotated[float, In(at_least=0.5, at_most=1)] | None = key(
+        None, "η_r, 0.7 in the paper; none takes that of the width"
+    )
+    void_threshold: Annotated[float, In(at_least=0, at_most=0.5)] | None = key(
+        None, "η_t, 0.3 in the paper; none takes that of the width"
+    )
+    decay: Area | None = key(
+        None, "c: where ‖∇ρ̃‖ exceeds 1/√c is a border, not a ridge; none takes that of the mesh"
+    )
+    epsilon: Positive | None = key(
+        None, "ε, the upper bound of both constraints; none takes that of the widths"
+    )
 
     def scaled(self, factor: float) -> LengthScale:
         """Return the same constraints on lengths that are larger by a factor."""

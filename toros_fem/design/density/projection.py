@@ -2,42 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import require_between, require_positive
+from toros_fem.base.keys import In, Table, key
+
+Steepness = Annotated[float, In(above=0, at_most=300)]
+# At 0 everything would be printed, at 1 nothing.
+Threshold = Annotated[float, In(above=0, below=1)]
+Power = Annotated[float, In(at_least=1, at_most=10)]
 
 
-@dataclass(frozen=True)
-class Projection:
+class Projection(Table):
     """Projection ρ̄ = [(tanh βη + tanh β(ρ̃−η)) / (tanh βη + tanh β(1−η))]^q, eq. (12).
 
     With q = 1, as in the paper, a reinforcement that is hundreds of times stiffer than the fabric
     makes lines of ρ̄ = 0.05 stiff, which no print has. A power, as of SIMP (Bendsøe 1989), takes
     that away from a design.
-
-    Attributes:
-        beta: Steepness β; 20 in the paper.
-        eta: Threshold η; 0.5 in the paper.
-        power: q, from 1 to 10.
     """
 
-    beta: float = 20.0
-    eta: float = 0.5
-    power: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_positive(beta=self.beta)
-        require_between(0.0, 1.0, eta=self.eta)
-        require_between(1.0, 10.0, power=self.power)
-        if self.eta in (0, 1):
-            raise ParameterError(
-                f"eta = {self.eta} must lie between 0 and 1, not at an end: at 0 everything would "
-                "be printed, at 1 nothing. 0.5 keeps areas."
-            )
+    beta: Steepness = key(20.0, "steepness of the projection")
+    eta: Threshold = key(0.5, "threshold of the projection; 0.5 keeps areas")
+    power: Power = key(1.0, "power q of the projection; 1 in the paper")
 
     @property
     def _scale(self) -> float:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import (
-    checked_floats,
-    require_between,
-    require_kind,
-    require_positive,
-)
+from toros_fem.base.keys import Area, Fraction, In, Length, Table, key
+from toros_fem.base.validation import checked_floats, require_kind
 from toros_fem.meshes.pattern import Pattern
 
 
@@ -60,52 +56,45 @@ class LineField:
         return int(self.shares.shape[1])
 
 
-@dataclass(frozen=True)
-class LineOptions:
+Spread = Annotated[float, In(at_least=1, at_most=10)]
+
+
+class LineOptions(Table):
     """What lines to lay.
 
     The spacing of lines is their width over their share. It follows the mean of the share over
     the distance `even`; the local width takes up the rest. The more even the spacing, the fewer
     lines begin and end.
 
-    Attributes:
-        widths: Width of the lines in m: one for all families, or one for each.
-        print_width: Least width of a line, and of a gap between two, in m.
-        least_share: Where a family has less than this share it has no lines.
-        even: Distance in m over which spacings and directions are averaged; None for the mean
-            over one triangle only.
-        hole_area: Area in m² of the smallest hole that stays open, and of the smallest piece.
-        spread: Largest local width over the width asked, at least 1; so is the width asked over
-            the smallest local one, which is never under `print_width`.
-        spacings: Mean distance in m from line to line of each family, whose width then follows from
-            its share in place of `widths`; None for one whose spacing follows. Empty: for all.
-
     Raises:
         ParameterError: A value is out of its bounds.
     """
 
-    widths: Sequence[float] = (0.9e-3,)
-    print_width: float = 0.6e-3
-    least_share: float = 0.03
-    even: float | None = 10e-3
-    hole_area: float = 0.5e-6
-    spread: float = 1.5
-    spacings: Sequence[float | None] = ()
+    widths: tuple[Length, ...] = key(
+        (0.9e-3,), "width of the lines: one for all families, or one for each"
+    )
+    print_width: Length = key(0.6e-3, "least width of a line, and of a gap between two")
+    least_share: Fraction = key(0.03, "where a family has less than this share it has no lines")
+    even: Length | None = key(
+        10e-3,
+        "distance over which spacings and directions are averaged; none takes one triangle only",
+    )
+    hole_area: Area = key(0.5e-6, "area of the smallest hole that stays open, and of a piece")
+    spread: Spread = key(
+        1.5,
+        "largest local width over the width asked, and that over the smallest local one, which is "
+        "never under print_width",
+    )
+    spacings: tuple[Length | None, ...] = key(
+        (),
+        "mean distance from line to line of each family, whose width then follows from its share; "
+        "none for one whose spacing follows, none at all for all",
+    )
 
     def __post_init__(self) -> None:
-        what = "a list of widths in m, one for all families or one for each"
-        widths = checked_floats("widths", self.widths, what, lambda s: len(s) == 1 and s[0] > 0)
-        object.__setattr__(self, "widths", tuple(float(width) for width in widths))
-        require_positive(print_width=self.print_width, hole_area=self.hole_area)
-        require_positive(least_share=self.least_share, at_most=1.0)
-        require_between(1, 10, spread=self.spread)
-        if self.even is not None:
-            require_positive(even=self.even)
-        for number, distance in enumerate(self.spacings):
-            if distance is not None:
-                require_positive(**{f"spacings[{number}]": distance})
+        if not self.widths:
+            raise self.described()["widths"].refusal((), "must hold at least one width")
         for number, width in enumerate(self.widths):
-            require_positive(**{f"widths[{number}]": width})
             if width < self.print_width:
                 raise ParameterError(
                     f"widths[{number}] = {width} m is under print_width = {self.print_width} m, "

@@ -6,38 +6,31 @@ sin 2t of all families.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.validation import require_between, require_count, require_positive
+from toros_fem.base.keys import In, Table, key
+from toros_fem.base.validation import require_between
 
 # Exponent p of the smooth limit on the sum of shares.
 LIMIT_POWER = 4.0
 
+Directions = Annotated[int, In(at_least=2)]
+Share = Annotated[float, In(above=0, at_most=0.9)]
 
-@dataclass(frozen=True)
-class FixedDirections:
+
+class FixedDirections(Table):
     """Variables of the first stage: the shares of several directions, evenly over half a turn.
 
     Variables x ≥ 0, (n, N), become shares s = S x/(1 + (Σx)ᵖ)^(1/p) whose sum stays below S. The
     energy is linear in them but for the stiffening of the fabric; no angle is a variable, so that
     no angle can be caught.
-
-    Attributes:
-        directions: Number N of directions.
-        limit: S, the limit on the sum of the shares.
     """
 
-    directions: int = 12
-    limit: float = 0.35
-
-    def __post_init__(self) -> None:
-        require_count(2, directions=self.directions)
-        require_positive(limit=self.limit)
-        require_between(0.0, 0.9, limit=self.limit)
+    directions: Directions = key(12, "number N of directions")
+    limit: Share = key(0.35, "limit S on the sum of the shares")
 
     @property
     def count(self) -> int:
@@ -87,25 +80,21 @@ class FixedDirections:
         return np.asarray(self.limit * (slope * by_shares + common))
 
 
-@dataclass(frozen=True)
-class FreeDirections:
+class FreeDirections(Table):
     """Variables of the second stage: share and direction of two families.
 
     Variables are in [0, 1]: the two shares over their limits, then for each family the components
     (1 + cos 2t)/2 and (1 + sin 2t)/2 of the double-angle vector. Only its direction counts.
 
     Attributes:
-        limits: Limit on the share of either family.
         fields, count: Number of variables of each triangle, and of families.
     """
 
-    limits: tuple[float, float] = (0.3, 0.3)
+    limits: tuple[Share, Share] = key((0.3, 0.3), "limit on the share of either family")
     fields: ClassVar = 6
     count: ClassVar = 2
 
     def __post_init__(self) -> None:
-        for limit in self.limits:
-            require_positive(limit=limit)
         require_between(0.0, 0.9, sum_of_limits=sum(self.limits))
 
     @property

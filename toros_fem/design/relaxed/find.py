@@ -8,8 +8,9 @@ from functools import partial
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Count, Length, Positive, Table, key
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.validation import require_count, require_kind, require_positive, shown
+from toros_fem.base.validation import require_count, require_kind
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.journal import Journal
@@ -18,7 +19,7 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.loop.variables import by_cell
 from toros_fem.design.mma.optimizer import MMAOptions
-from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
+from toros_fem.design.relaxed.families import Directions, FixedDirections, FreeDirections, Share
 from toros_fem.design.relaxed.fit import fitted_pair
 from toros_fem.design.relaxed.problem import LineShares, relaxed_problem
 from toros_fem.mechanics.skin.designs import crossing_of_widths
@@ -29,44 +30,29 @@ MOVE = 0.1
 LEAST_DECREASE = 0.05
 
 
-@dataclass(frozen=True)
-class RelaxedOptions:
-    """Numbers of the relaxed design.
+class RelaxedOptions(Table):
+    """Numbers of the relaxed design."""
 
-    Attributes:
-        directions: Number of fixed directions of the first stage.
-        share_limit: Limit on the sum of their shares.
-        family_limits: Limits on the shares of the two families of the second stage.
-        radius: Radius of the smoothing in m; None takes a tenth of the skin's size.
-        share_weight: Factor on the mean sum of shares in T; None leaves this cost out.
-        iterations: Largest number of steps of either stage.
-        more_iterations: Largest number of steps where an earlier result is continued.
-        width_ratio: Width that the lines of one family will have over that of the other: where few
-            wide lines cross many thin ones, crossings stiffen less.
-    """
-
-    directions: int = 12
-    share_limit: float = 0.35
-    family_limits: tuple[float, float] = (0.3, 0.3)
-    radius: float | None = None
-    share_weight: float | None = None
-    iterations: tuple[int, int] = (40, 40)
-    more_iterations: int = 15
-    width_ratio: float = 1.0
+    directions: Directions = key(12, "number of fixed directions of the first stage")
+    share_limit: Share = key(0.35, "limit on the sum of their shares")
+    family_limits: tuple[Share, Share] = key(
+        (0.3, 0.3), "limits on the shares of the two families of the second stage"
+    )
+    radius: Length | None = key(
+        None, "radius of the smoothing; none takes a tenth of the skin's size"
+    )
+    share_weight: Positive | None = key(
+        None, "factor on the mean sum of shares in T; none leaves this cost out"
+    )
+    iterations: tuple[Count, Count] = key((40, 40), "largest number of steps of either stage")
+    more_iterations: Count = key(15, "largest number of steps where an earlier result is continued")
+    width_ratio: Positive = key(
+        1.0,
+        "width that the lines of one family will have over that of the other: where few wide lines "
+        "cross many thin ones, crossings stiffen less",
+    )
 
     def __post_init__(self) -> None:
-        for name in ("iterations", "family_limits"):
-            pair = getattr(self, name)
-            if not isinstance(pair, list | tuple) or len(pair) != 2:
-                raise ParameterError(f"{name} = {shown(pair)} must be two numbers.")
-        for count in self.iterations:
-            require_count(1, iterations=count)
-        require_count(1, more_iterations=self.more_iterations)
-        for name in ("radius", "share_weight"):
-            if getattr(self, name) is not None:
-                require_positive(**{name: getattr(self, name)})
-        require_positive(width_ratio=self.width_ratio)
-        FixedDirections(self.directions, self.share_limit)
         FreeDirections(self.family_limits)
 
     def stage(self, number: int) -> DesignOptions:

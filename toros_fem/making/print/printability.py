@@ -10,7 +10,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.validation import require_positive
+from toros_fem.base.keys import Area, Length, Table, key
 from toros_fem.making.print.islands import PanelRegion, find_holes, find_pieces
 from toros_fem.making.print.regions import BEYOND, beyond_seams
 from toros_fem.making.print.widths import Widths, measure_widths
@@ -24,22 +24,12 @@ SAMPLES_PER_LIMIT = 20
 SIMPLIFIED, SPARE = 2e-6, 0.005
 
 
-@dataclass(frozen=True)
-class PrintLimits:
-    """Limits of the printer and the fabric, all of them positive.
+class PrintLimits(Table):
+    """Limits of the printer and the fabric."""
 
-    Attributes:
-        width: Width of the thinnest printable line, in m.
-        gap: Width of the thinnest gap that stays open, in m.
-        hole_area: Area of the smallest hole that stays open, in m².
-    """
-
-    width: float = 0.6e-3
-    gap: float = 0.6e-3
-    hole_area: float = 0.5e-6
-
-    def __post_init__(self) -> None:
-        require_positive(width=self.width, gap=self.gap, hole_area=self.hole_area)
+    width: Length = key(0.6e-3, "width of the thinnest printable line")
+    gap: Length = key(0.6e-3, "width of the thinnest gap that stays open")
+    hole_area: Area = key(0.5e-6, "area of the smallest hole that stays open")
 
     @property
     def contact(self) -> float:

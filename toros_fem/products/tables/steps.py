@@ -21,10 +21,12 @@ from toros_fem.base.keys import (
 from toros_fem.design.density.filters import FILTERS
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.density.perimeter import SHARPNESS
-from toros_fem.design.density.projection import Projection
+from toros_fem.design.density.projection import Power, Projection, Steepness, Threshold
+from toros_fem.design.lines.field import Spread
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.regularisation import POWER, Regularisation
 from toros_fem.design.mma.optimizer import MMAOptions
+from toros_fem.design.relaxed.families import Directions, Share
 from toros_fem.making.print.printability import PrintLimits
 
 # What the densities of a design may start from.
@@ -38,9 +40,9 @@ class Filtering(Table):
     move_limit: Fraction = key(0.2, "largest change of a density in one step")
     filter: Annotated[str, OneOf(FILTERS)] = key("cone", "density filter")
     filter_radius: Length = key(2.15e-3, "radius R of the filter")
-    beta: Annotated[float, In(above=0, at_most=300)] = key(20.0, "steepness of the projection")
-    eta: Annotated[float, In(above=0, below=1)] = key(0.5, "threshold of the projection")
-    power: Annotated[float, In(at_least=1, at_most=10)] = key(
+    beta: Steepness = key(20.0, "steepness of the projection")
+    eta: Threshold = key(0.5, "threshold of the projection")
+    power: Power = key(
         POWER, "power q of the projection: 1 as in the paper; more takes stiffness from grey print"
     )
     line_width: Length | None = key(None, "smallest width of a printed line; none takes R")
@@ -185,10 +187,10 @@ class Lines(Table):
         "largest number of steps of either stage of the relaxed design",
         free=True,
     )
-    directions: Annotated[int, In(at_least=2)] = key(
+    directions: Directions = key(
         12, "number of fixed directions in the first stage of the relaxed design"
     )
-    share_limit: Annotated[float, In(above=0, at_most=0.9)] = key(
+    share_limit: Share = key(
         0.35,
         "limit on the part of the area that the lines of all directions cover in the first "
         "stage of the relaxed design",
@@ -207,10 +209,10 @@ class Lines(Table):
     second_laid_width: Length | None = key(
         None, "width of those along the second family; none takes the same"
     )
-    least_share: Annotated[float, In(above=0, at_most=1)] = key(
+    least_share: Fraction = key(
         0.03, "where a family has less than this share of the area it has no lines"
     )
-    spread: Annotated[float, In(at_least=1, at_most=10)] = key(
+    spread: Spread = key(
         1.5, "largest local width of a line over the width asked, and that over the smallest one"
     )
     print_edge_length: Length = key(
