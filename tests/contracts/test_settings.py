@@ -13,7 +13,7 @@ import pytest
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import MANY, NONE, Key, Real, Table
 from toros_fem.base.scene import Scene
-from toros_fem.cli.commands import main  # noqa: F401
+from toros_fem.cli.commands.main import COMMANDS, command_of
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.materials.library.files import read_library
@@ -30,7 +30,7 @@ def tables(of: type[Table] = Table) -> Iterator[type[Table]]:
         yield from tables(one)
 
 
-SCENES = [*KINDS.values()]  # all settings are loaded
+SCENES = [*KINDS.values(), *map(command_of, COMMANDS)]  # all settings are loaded
 TABLES = sorted(set(tables()), key=lambda one: (one.__module__, one.__name__))
 OF_TABLES = pytest.mark.parametrize("table", TABLES, ids=lambda one: one.__name__)
 OTHERS: dict[type, tuple[Any, ...]] = {
@@ -140,4 +140,4 @@ def test_tables_of_tables_are_read_again() -> None:
     options = DesignOptions(
         (Stage(3), Stage(2, beta=4.0, constrained=True)), mma=MMAOptions(move=0.1)
     )
-    assert DesignOptions.of_dict(json.loads(json.dumps(options.as_dict()))) == options
+    assert DesignOptions(**json.loads(json.dumps(options.as_dict()))) == options

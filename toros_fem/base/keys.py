@@ -18,7 +18,6 @@ from typing import (
     Annotated,
     Any,
     ClassVar,
-    NotRequired,
     Self,
     dataclass_transform,
     get_args,
@@ -370,30 +369,15 @@ class Table:
         """Return a copy with other values; a ParameterError suggests the nearest known name."""
         return replace(self, **changes)  # type: ignore[type-var]
 
-    def value(self, name: str) -> Any:
-        """Return the value of a key."""
-        return getattr(self, name)
-
     def as_dict(self) -> dict[str, Any]:
         """Return all values by name, as summaries hold them."""
         return asdict(self)  # type: ignore[call-overload]
 
-    @classmethod
-    def of_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Return the settings that `as_dict` described."""
-        return cls(**values)
-
 
 def given_of(name: str, about: str, keys: Mapping[str, Key]) -> Any:
     """Return the type of the keys that a table of a file gives, none of which it must."""
-    return typed(
-        name,
-        about,
-        {
-            n: NotRequired[Annotated[k.file_hint, Field(description=k.help)]]
-            for n, k in keys.items()
-        },
-    )
+    told = {n: Annotated[one.file_hint, Field(description=one.help)] for n, one in keys.items()}
+    return typed(name, about, told)
 
 
 def typed(name: str, about: str, content: Mapping[str, Any]) -> Any:

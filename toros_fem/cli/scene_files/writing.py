@@ -136,7 +136,7 @@ def _entries(name: str, of: type[Table], values: Sequence[Table]) -> list[str]:
         lines += [f"#[{name}]", *(_line(one, one.default, hidden=True) for one in keys)]
     for value in values:
         lines.append(f"[{name}]" if len(values) == 1 else f"[[{name}]]")
-        own = ((one, value.value(one.name)) for one in keys)
+        own = ((one, getattr(value, one.name)) for one in keys)
         lines += [_line(one, found, hidden=found == one.default) for one, found in own]
     return lines
 

@@ -101,7 +101,7 @@ class Deformed(Table):
     @property
     def asked(self) -> dict[str, float]:
         """What is given of the targets of metrics, by the names of these, in deg and %."""
-        values = {one.metric: self.value(name) for name, one in self.described().items()}
+        values = {one.metric: getattr(self, name) for name, one in self.described().items()}
         return {name: value for name, value in values.items() if name and value is not None}
 
     def of_body(self, body: Pattern | Surface) -> BodyAxis:
@@ -380,7 +380,7 @@ class OwnMeshScene(ActuatorScene):
             deform = self.target.deformer(axis)
             return lambda whole: deform(whole.points)
         for name in self.targets().values():
-            if (value := self.target.value(name)) is not None:
+            if (value := getattr(self.target, name)) is not None:
                 raise ParameterError(
                     f"there are two targets: a file, and {name} = {value:g}. Leave one out."
                 )

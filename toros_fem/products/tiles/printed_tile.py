@@ -106,7 +106,7 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
 
     def make(archive: Archive) -> PrintedTile:
         numbers = dict(archive.numbers)
-        composite = Composite.of_dict(numbers.pop("composite"))
+        composite = Composite(**numbers.pop("composite"))
         size = tuple(numbers.pop("size"))
         (region,) = regions_of(archive, 1)
         return PrintedTile(region, size, composite=composite, **numbers)
