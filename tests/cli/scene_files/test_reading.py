@@ -131,21 +131,21 @@ def test_wrong_files(tmp_path: Path, text: str, message: str) -> None:
 
 
 def test_all_errors_are_told_with_their_lines(tmp_path: Path) -> None:
-    text = BEND + '[skin]\nlength = "5 kPa"\nlenght = 1\ncaps = 3\n[design]\nseed = 0.5\n[no]\n'
+    text = BEND + '[design]\nseed = 0.5\n[no]\n[skin]\nlength = "5 kPa"\nlenght = 1\ncaps = 3\n'
     with pytest.raises(FileError) as caught:
         scene(tmp_path, text)
     lines = str(caught.value).replace(f"{tmp_path / 'my.toml'}, line ", "").split("\n")
     begins = [
-        "3: skin.length: length = '5 kPa'",
-        "4: skin.lenght: unknown key 'lenght'; did",
-        "5: skin.caps: ",
-        "7: design.seed: seed = 0.5 must",
-        "8: no: unknown table 'no'",
+        "3: design.seed: seed = 0.5 must",
+        "4: no: unknown table 'no'",
+        "6: skin.length: length = '5 kPa'",
+        "7: skin.lenght: unknown key 'lenght'; did",
+        "8: skin.caps: ",
     ]
     assert len(lines) == len(begins)
     for line, begin in zip(lines, begins, strict=True):
         assert line.startswith(begin), line
-    assert (caught.value.line, caught.value.key) == (3, "skin.length")
+    assert (caught.value.line, caught.value.key) == (3, "design.seed")
 
 
 @pytest.mark.parametrize(
