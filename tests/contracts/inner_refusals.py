@@ -36,8 +36,7 @@ from contracts.refusals import (
 )  # fmt: skip
 from toros_fem import meshes as m
 from toros_fem.design.density.bar_width import threshold_for_width
-from toros_fem.design.density.cone import cone_filter
-from toros_fem.design.density.filters import make_filter
+from toros_fem.design.density.filters import cone_filter, make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines import laid_lines
@@ -49,7 +48,7 @@ from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import regions_on
-from toros_fem.making.sheets.placement import nest
+from toros_fem.making.sheets.layout import nest
 from toros_fem.measures.alignment import AlignedObjective
 from toros_fem.measures.body_axis import body_axis
 from toros_fem.measures.cross_sections import (

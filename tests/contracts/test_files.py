@@ -36,9 +36,8 @@ from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.print.print_file import StoredPrint, read_print_polygons, write_print_polygons
 from toros_fem.making.print.printability import PrintLimits
-from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg
 from toros_fem.making.sheets.layout import Sheet
-from toros_fem.making.sheets.print_bodies import stl_of, threemf_of
+from toros_fem.making.sheets.write import cut_dxf, cut_svg, stl_of, threemf_of
 from toros_fem.materials.library.files import read_library, read_materials, write_material
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.materials.sheet import Knit, Membrane

@@ -19,7 +19,7 @@ from toros_fem.base.errors import OutlineError
 from toros_fem.making.panels.panel_drawing import cut_outline
 from toros_fem.making.print.cleaning import Panels, clean
 from toros_fem.making.print.printability import DEFAULT_LIMITS, printability
-from toros_fem.making.sheets.placement import nest
+from toros_fem.making.sheets.layout import nest
 from toros_fem.meshes import (
     Pattern,
     cylinder,

@@ -22,12 +22,10 @@ from toros_fem.design.lines.laid_lines import LaidLines, LineChange, changed
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings, printed_face
-from toros_fem.making.print.cleaning import MirroredPanels, Panels, clean
+from toros_fem.making.print.cleaning import MirroredPanels, Panels, clean, thickened
 from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
-from toros_fem.making.print.thickness import thickened
-from toros_fem.making.sheets.cut_files import cut_dxf
 from toros_fem.making.sheets.layout import Sheet, manufacture
-from toros_fem.making.sheets.print_bodies import print_bodies
+from toros_fem.making.sheets.write import cut_dxf, print_bodies
 from toros_fem.meshes import cylinder, mirrored
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.makers.sheets import disc, rectangle

@@ -22,7 +22,7 @@ from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
 from toros_fem.products.tile_design.as_printed import TileResult, simulated_print
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
-from toros_fem.products.tile_design.starts import random_waves
+from toros_fem.products.tile_design.search import random_waves
 from toros_fem.products.tiles.printed_tile import MEMBRANE, PrintedTile
 from toros_fem.products.tiles.stiffness_profile import (
     Contrast,

@@ -30,8 +30,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, total
-from toros_fem.design.density.cone import cone_filter
-from toros_fem.design.density.filters import make_filter
+from toros_fem.design.density.filters import cone_filter, make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.linear import Filter, group_mean
 from toros_fem.design.density.perimeter import Perimeter
@@ -46,8 +45,7 @@ from toros_fem.design.loop.steps import Steps
 from toros_fem.design.loop.variables import Variables
 from toros_fem.design.mma.optimizer import Functions
 from toros_fem.design.relaxed.families import Families, FixedDirections, FreeDirections
-from toros_fem.design.relaxed.problem import relaxed_problem
-from toros_fem.design.relaxed.smoothing import smoothing
+from toros_fem.design.relaxed.problem import relaxed_problem, smoothing
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective

@@ -6,7 +6,7 @@ from helpers.scenes import square, table
 from helpers.warned import warned
 from mpi4py import MPI
 
-from toros_fem.design.density.cone import cone_filter
+from toros_fem.design.density.filters import cone_filter
 from toros_fem.meshes import Skin, cylinder, mirrored, sew
 
 

@@ -5,8 +5,7 @@ import pytest
 from helpers.scenes import square
 from mpi4py import MPI
 
-from toros_fem.design.density.cone import cone_filter
-from toros_fem.design.density.helmholtz import helmholtz_filter
+from toros_fem.design.density.filters import cone_filter, helmholtz_filter
 from toros_fem.meshes import Skin, sew
 
 

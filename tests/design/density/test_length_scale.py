@@ -7,8 +7,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.design.density.bar_width import unfiltered_width, width_for_threshold
-from toros_fem.design.density.cone import cone_filter
-from toros_fem.design.density.filters import make_filter
+from toros_fem.design.density.filters import cone_filter, make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.linear import Filter, Linear
 from toros_fem.design.density.projection import Projection

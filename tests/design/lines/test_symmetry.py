@@ -5,8 +5,7 @@ from mpi4py import MPI
 
 from toros_fem.design.lines.centre_lines import CentreLine, Family
 from toros_fem.design.lines.laid_lines import LaidLines
-from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.symmetry import make_symmetry
+from toros_fem.design.lines.lay_lines import lay_lines, make_symmetry
 from toros_fem.meshes import cylinder, mirrored
 from toros_fem.meshes.pattern import Pattern
 

@@ -6,7 +6,7 @@ from helpers.line_fields import two_sheets
 from helpers.scenes import square
 
 from toros_fem.design.lines.field import LineField
-from toros_fem.design.relaxed.fit import fitted_pair
+from toros_fem.design.relaxed.find import fitted_pair
 
 ANGLES = np.pi * np.arange(12) / 12
 

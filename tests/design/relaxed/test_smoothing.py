@@ -6,7 +6,7 @@ from helpers.line_fields import two_sheets
 from mpi4py import MPI
 
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
-from toros_fem.design.relaxed.smoothing import smoothing
+from toros_fem.design.relaxed.problem import smoothing
 from toros_fem.meshes import sew
 
 

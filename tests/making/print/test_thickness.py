@@ -11,7 +11,7 @@ from shapely.affinity import rotate
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.print.thickness import thickened
+from toros_fem.making.print.cleaning import thickened
 from toros_fem.making.print.widths import measure_widths
 
 LIMIT, HOLE = 0.6, 0.5

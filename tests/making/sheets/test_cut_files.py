@@ -15,8 +15,8 @@ from helpers.panels import pattern_of, striped
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.panels.panel_labels import Label
-from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg, outlines
 from toros_fem.making.sheets.layout import Sheet
+from toros_fem.making.sheets.write import cut_dxf, cut_svg, outlines
 from toros_fem.meshes.affine import Affine
 
 SVG = "{http://www.w3.org/2000/svg}"

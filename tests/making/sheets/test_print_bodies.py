@@ -11,7 +11,7 @@ from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.panels.panel_drawing import panel_drawings
-from toros_fem.making.sheets.print_bodies import print_bodies, print_body, stl_of
+from toros_fem.making.sheets.write import print_bodies, print_body, stl_of
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
 HEIGHT, BASE = 0.4e-3, 0.3e-3

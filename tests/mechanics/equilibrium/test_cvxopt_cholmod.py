@@ -5,13 +5,13 @@ import pytest
 from kit.skips import NO_WHEELS
 from scipy.sparse import csc_matrix, diags, identity, kron, tril
 
-from toros_fem.mechanics.equilibrium.cvxopt_cholmod import CvxoptCholmod, load
+from toros_fem.mechanics.equilibrium.cholmod import CvxoptCholmod, load_cvxopt
 
 
 @pytest.fixture
 def calls() -> CvxoptCholmod:
     pytest.importorskip("dolfinx_solver", reason=NO_WHEELS)
-    found = load()
+    found = load_cvxopt()
     assert found is not None, "cvxopt and METIS are of the versions whose factors are known"
     return found
 

@@ -20,11 +20,10 @@ from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.meshes import Pattern, bend, twist
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.inflation import draw_inflation
-from toros_fem.results.pictures.shapes import draw_miss, draw_shape, plot_states, scenery
+from toros_fem.results.pictures.shapes import draw_miss, draw_shape, plot_states, scenery, verdict
 from toros_fem.results.pictures.shown import DrawnSkin, visible
 from toros_fem.results.pictures.stage import Stage
 from toros_fem.results.pictures.style import ACCENT, DARK, SOFT, page
-from toros_fem.results.pictures.verdicts import verdict
 from toros_fem.results.pictures.view import View
 
 pytestmark = pytest.mark.usefixtures("rough")

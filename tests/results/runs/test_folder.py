@@ -30,9 +30,15 @@ from toros_fem.base.files import (
 from toros_fem.making.sheets.manifest import FORMAT, NAME
 from toros_fem.making.sheets.write import write_manufacture
 from toros_fem.results.reporter import DesignReporter
-from toros_fem.results.runs.folder import FREE, open_run, read_record, require_open, run_of
-from toros_fem.results.runs.lock import NAME as LOCK
-from toros_fem.results.runs.lock import FolderLock
+from toros_fem.results.runs.folder import (
+    FREE,
+    FolderLock,
+    open_run,
+    read_record,
+    require_open,
+    run_of,
+)
+from toros_fem.results.runs.folder import NAME as LOCK
 
 INPUTS = {"length": 0.1, "name": "tube"}
 SQUARE = square()

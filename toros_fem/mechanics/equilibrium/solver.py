@@ -6,12 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import ParameterError, TorosWarning
-from toros_fem.base.mpi import on_first_rank, together, warn_together
-from toros_fem.base.validation import require_callable, require_flag, require_kind
+from toros_fem.base.errors import NoEquilibriumError, ParameterError, TorosWarning
+from toros_fem.base.mpi import norm, on_first_rank, smallest, together, warn_together
+from toros_fem.base.validation import real_numbers, require_callable, require_flag, require_kind
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import (
@@ -19,23 +23,184 @@ from toros_fem.mechanics.equilibrium.equilibrium import (
     EquilibriumError,
     numbers_read,
 )
+from toros_fem.mechanics.equilibrium.linear_solver import ShiftedCholesky
+from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.path import PathPoint, motion_to
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
-from toros_fem.mechanics.equilibrium.start import relaxed_start, require_apart, start_state
-from toros_fem.mechanics.equilibrium.tangent_solver import TangentSolver
 from toros_fem.mechanics.equilibrium.ways import Search, residual_at, settle, sliding_at
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.triangles import harmonic_extension
 
 # Factor on the residual of a saved equilibrium up to which it is the same one.
 SAME_RESIDUAL = 10.0
 # Thickness over the skin's size from which a unit is in doubt.
 THICK = 0.1
+
+
+# With friction, residual over the right-hand side at which GMRES ends, that is enough, and its
+# largest number of iterations.
+TOLERANCE, ALLOWED, ITERATIONS = 1e-11, 1e-8, 200
+
+
+class TangentSolver:
+    """Solver for linear systems with the tangent at equilibria of a skin.
+
+    Attributes:
+        skin, model: The skin, and its model.
+    """
+
+    def __init__(
+        self, model: SkinModel, options: NewtonOptions, log: Callable[[NewtonStep], None] | None
+    ) -> None:
+        self.skin, self.model = model.skin, model
+        self._newton = Newton(model, options, log)
+        self._factor = self._newton.factor
+        self._at: Equilibrium | None = None  # where the tangent is factorised
+
+    def tangent_at(self, at: Equilibrium) -> None:
+        """Factorise the tangent at an equilibrium, if it is not that already (collective).
+
+        Raises:
+            ParameterError: It is not complete; or its tangent is not positive definite, as that of
+                another solver.
+        """
+        require_kind("at", at, Equilibrium, "an Equilibrium of this solver")
+        if at is self._at:
+            return
+        fits = at.complete and at.state.shape == (self.model.size_local,)
+        stable = smallest(self.skin.comm, fits) > 0
+        if stable:
+            self._set(at.density, at.load, at.begin, at.state)
+            stable = self._newton.stable(at.state)
+        if not stable:
+            raise ParameterError(
+                "the state is no stable equilibrium of this solver: finish a trial first, and ask "
+                "the solver that found it."
+            )
+        self._at = at
+
+    def forget(self) -> None:
+        """Forget where the tangent is factorised: the model is used for something else now."""
+        self._at = None
+
+    @property
+    def linear_solver(self) -> str:
+        """What factorises the tangent, on which ranks or threads."""
+        return self._factor.describe()
+
+    def solve_tangent(self, rhs: Floats, at: Equilibrium, *, adjoint: bool = False) -> Floats:
+        """Solve K y = rhs with the tangent at an equilibrium, zero at fixed components.
+
+        This is the adjoint solve of eq. (19). Without friction K is symmetric. With friction GMRES
+        solves, with the factors of the symmetric part; `adjoint` solves with the transpose, since
+        normal forces change friction, and friction does not change them. The tangent is factorised
+        again if another solve came between.
+
+        Raises:
+            ParameterError: As of `tangent_at`; or an adjoint through friction on free bodies is
+                asked for.
+            NoEquilibriumError: With friction: the iteration does not converge.
+        """
+        self.tangent_at(at)
+        rhs, model = rhs * self.model.free, self.model
+        if not model.slides:
+            return self._factor.solve(rhs)
+        if adjoint and model.free_bodies:
+            raise ParameterError(
+                "there is no adjoint through friction on free bodies; hold or move the bodies, or "
+                "leave the friction out."
+            )
+        return self._solve_with_friction(rhs, at.state, transposed=adjoint)
+
+    def stretch(self, at: Equilibrium, change: Floats) -> tuple[Floats, Floats]:
+        """Return the derivatives of force in N and state in m by a tile's F̄ (collective).
+
+        The force is that of all unknowns, the state constant; the state follows in equilibrium.
+        `change` is that of the prescribed components of F̄, (3, 2).
+        """
+        self.tangent_at(at)
+        images, tangent = self.model.images, self._factor.periodic
+        assert images is not None
+        assert tangent is not None
+        change = np.where(np.array(images.periodic.prescribed), change, 0.0)
+        force, state = tangent.force(change), np.zeros_like(at.state)
+        images.set_mean_gradient(state, change)
+        return force, state - self._factor.solve(force * self.model.free)
+
+    def stable(self, density: Floats, load: Load, state: Floats) -> bool:
+        """Return whether an equilibrium without friction is stable (collective)."""
+        self._set(density, load, None, state)
+        return self._newton.stable(state)
+
+    def _solve_with_friction(self, rhs: Floats, state: Floats, *, transposed: bool) -> Floats:
+        """Solve J y = rhs or its transpose, J the tangent and friction's derivative (collective).
+
+        J is not symmetric. GMRES solves, with the factors of the tangent on its right, so that the
+        residual is the true one (Saad & Schultz 1986).
+        """
+        comm, factor, ladder = self.skin.comm, self._factor, self._newton.ladder
+        factor.fill()
+        factor.couple(state, transposed=transposed)
+        ladder.renew = False
+        ksp = PETSc.KSP().create(comm)
+        ksp.setOperators(factor.matrix)
+        ksp.setType(PETSc.KSP.Type.GMRES)
+        ksp.setGMRESRestart(ITERATIONS)
+        ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        ksp.setTolerances(rtol=TOLERANCE, atol=0.0, max_it=ITERATIONS)
+        ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+        ksp.getPC().setPythonContext(ShiftedCholesky(ladder))
+        right, solution = factor.matrix.createVecs()
+        right.array[:] = rhs
+        ksp.solve(right, solution)
+        factor.couple(None)
+        found, whole = np.array(solution.array_r), norm(comm, rhs)
+        left = ksp.getResidualNorm() / whole if whole > 0 else 0.0
+        for held in (ksp, right, solution):
+            held.destroy()
+        if not left <= ALLOWED:
+            raise NoEquilibriumError(
+                f"the linear solve with friction leaves {left:.1g} of its right-hand side after "
+                f"{ITERATIONS} iterations: the equilibrium is near to slipping as a whole. "
+                "Shorten the step of the path, or lower the friction."
+            )
+        return found
+
+    def motion_to(self, density: Floats, load: Load, at: Equilibrium) -> Floats:
+        """Return the motion to another design and load that the tangent predicts (collective).
+
+        Supports and bodies stay, and there is no friction. It is 0 where the equilibrium is outside
+        the stretch bounds of the other design.
+        """
+        self.tangent_at(at)
+        return motion_to(self.model, self._factor, at.point, PathPoint(density, load, at.state))
+
+    def reactions(self, at: Equilibrium) -> Floats:
+        """Return the forces in N by which the supports pull at all vertices, (n, 3) (collective).
+
+        They are zero at free components.
+        """
+        self.tangent_at(at)
+        return self.skin.gather_vertices(self.model.positions(self.model.reaction(at.state)))
+
+    def _set(self, density: Floats, load: Load, begin: Floats | None, state: Floats) -> None:
+        """Let the model have density, load and friction of a state."""
+        self.forget()
+        self.model.set_density(density)
+        self.model.set_load(load)
+        contact = self.model.contact
+        if contact is not None:
+            contact.begin_step(begin, load)
+            contact.lag_friction(state)
 
 
 class EquilibriumSolver(TangentSolver):
@@ -310,3 +475,105 @@ def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
             "of its own.",
             TorosWarning,
         )
+
+
+# Fraction of the bounds above which a triangle is relaxed.
+RELAXED = 0.95
+# Number of relaxations, each over one more ring of triangles around.
+ROUNDS = 8
+
+
+def start_state(model: SkinModel, start: Floats | None) -> Floats:
+    """Return a start as owned unknowns, from these or from positions (n, 3) (collective).
+
+    None is the state at rest. Where triangles leave the stretch bounds it is relaxed until they are
+    inside; a ParameterError is raised if it cannot be.
+    """
+    skin, state = model.skin, model.assembled
+    unknowns, nodes = state.shape, model.positions(state).shape
+    with together(skin.comm):
+        if start is not None:
+            start = real_numbers("start", start, "unknowns, or positions (n, 3), in m")
+            if start.shape not in (unknowns, nodes):
+                raise ParameterError(
+                    f"start has shape {start.shape}; on this rank it must be {unknowns}, the "
+                    f"unknowns of this bending term, or {nodes}, positions."
+                )
+    if start is not None and start.ndim == 2:
+        state = model.state_of(start)
+    elif start is not None:
+        state = start.copy()
+        if model.contact is not None:
+            state = model.contact.with_short_turns(start)
+    use = model.bounds.worst_of_start(model.corners(state))
+    if start is not None and 1 <= use < np.inf:
+        inside = relaxed_start(model, skin.gather_vertices(model.positions(state)))
+        if inside is not None:
+            model.positions(state)[:] = inside[skin.owned_vertices]
+            return state
+    if not use < 1:
+        bounds = model.composite.stated_bounds
+        what, remedy = "start", f"Start from the assembled positions, or raise {bounds}."
+        if start is None:
+            what = "assembled shape, from which a solve starts,"
+            remedy = f"Raise {bounds}, or fit the panels to the shape."
+        raise ParameterError(
+            f"the {what} leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
+            f"bound is 1. {remedy}"
+        )
+    return state
+
+
+def relaxed_start(model: SkinModel, positions: Floats) -> Floats | None:
+    """Return positions of all vertices inside the stretch bounds, or None (collective)."""
+    pattern, fixed = model.skin.pattern, model.supports.fixed
+    return on_first_rank(
+        model.skin.comm, lambda: relaxed_into_bounds(pattern, model.composite, fixed, positions)
+    )
+
+
+def require_apart(model: SkinModel, state: Floats, load: Load, *, cold: bool) -> None:
+    """Check that contact can act on a start, with bodies at their poses or where made."""
+    model.set_load(load)
+    refusal = model.refusal(state)
+    if refusal is None:
+        return
+    if load.moves_bodies:  # they are moved in with the load
+        model.set_load(load.scaled(0.0))
+        if model.refusal(state) is None:
+            return
+    what, remedy = "start", "Start from the assembled positions, or from another equilibrium."
+    if cold:
+        what = "assembled shape, from which a solve starts,"
+        remedy = "Make ground and bodies further away."
+    raise ParameterError(f"contact cannot act on the {what}: {refusal}. {remedy}")
+
+
+def relaxed_into_bounds(
+    pattern: Pattern, composite: Composite, fixed: Bools, positions: Floats
+) -> Floats | None:
+    """Return a shape inside the stretch bounds, near a shape that leaves them in some triangles.
+
+    A shape that is interpolated from a coarser mesh stretches the few triangles most that lie
+    across a kink of it. Around these the map from the flat panels is made harmonic. Of two
+    materials the wider bounds count: into the narrower ones a solve takes the shape by itself.
+    Fixed components, (n, 3), keep their positions. None where the bounds cannot be met in this way.
+    """
+    triangles = pattern.triangles
+    widest, wrinkles = composite.widest_bounds, composite.membrane.relaxed
+    bounds = StretchBounds(MPI.COMM_SELF, pattern.corners, *widest, wrinkles=wrinkles)
+    found, laplacian = np.array(positions), None
+    for rings in range(1, ROUNDS + 1):
+        use = bounds.use(found[triangles])
+        if use.max(initial=0.0) <= RELAXED:
+            break
+        if laplacian is None:
+            laplacian = pattern.flat_laplacian()
+        near = np.zeros(len(found), dtype=bool)
+        near[triangles[~(use <= RELAXED)]] = True
+        for _ in range(rings):
+            near[triangles[near[triangles].any(axis=1)]] = True
+        for k in range(3):
+            extend = harmonic_extension(laplacian, ~near | fixed[:, k])
+            found[:, k] = extend(found[:, k])
+    return found if bounds.worst(found[triangles]) < 1 else None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import hashlib
 import json
 import logging
@@ -9,14 +11,19 @@ import os
 import re
 import shlex
 import signal
+import socket
+import stat
+import sys
+import threading
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial, reduce
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any, NoReturn, Self, TypeVar
 
+import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.archive import FORMAT
@@ -36,8 +43,6 @@ from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
 from toros_fem.results.runs.files import RECORD, SCENE, STATE, files_of_run, require_no_link
 from toros_fem.results.runs.journal import RunJournal
-from toros_fem.results.runs.lock import NAME, FolderLock
-from toros_fem.results.runs.signals import Signals
 from toros_fem.results.runs.warnings import WarningList
 
 log = logging.getLogger(__name__)
@@ -388,3 +393,111 @@ def _read_record(folder: Path) -> RunRecord:
     if found != FORMAT or not (known and whole):
         raise CheckpointError(f"{path} is damaged. {ANEW}")
     return RunRecord(**content)
+
+
+NAME = ".lock"
+# What the lock of a run begins with, where it is not empty.
+HOLDER = b"process "
+
+
+class FolderLock:
+    """Lock of a folder that exists for this process (one rank).
+
+    The kernel frees it when the process ends, however it ends.
+
+    Raises:
+        OutputError: Another process holds it; the message names process and host. Or a link or a
+            file of somebody else has its name.
+        OSError: The folder cannot be written to.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        path = folder / NAME
+        foreign = OutputError(f"{path} is no lock of a run. Move it, or choose another folder.")
+        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+        try:
+            self._file: int | None = os.open(path, flags, 0o644)
+        except OSError as caught:
+            strange = caught.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO)
+            raise (foreign if strange else caught) from None
+        about = os.fstat(self._file)
+        own = stat.S_ISREG(about.st_mode) and about.st_nlink == 1
+        if not own or os.pread(self._file, len(HOLDER), 0) not in (b"", HOLDER):
+            self.release()
+            raise foreign
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as caught:
+            holder = os.read(self._file, 200).decode(errors="replace").strip()
+            self.release()
+            in_use = OutputError(
+                f"{folder} is in use by a run{f', {holder}' if holder else ''}. Wait for its end, "
+                "stop it, or choose another folder."
+            )
+            # Any other error is that of a file system without locks.
+            raise (in_use if isinstance(caught, BlockingIOError) else caught) from None
+        os.ftruncate(self._file, 0)
+        os.pwrite(self._file, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
+
+    def release(self) -> None:
+        """Free the lock."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+# Open MPI's mpirun passes the second user signal on, but ends the ranks itself at the others.
+STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)
+
+
+class Signals:
+    """Handlers of SIGINT, SIGTERM and the user signals while a run is open.
+
+    SIGUSR1 asks for a write, the others for an end: the first of them at the end of the step.
+    Where nothing is to be written, outside of design loops, or at a second one, the run stops at
+    once by `stop`. Handlers are installed in the main thread alone.
+
+    Attributes:
+        waits: Whether a design loop will look at what is asked soon.
+        stopped_at_once: Number of the signal that did not wait; 0 for none.
+    """
+
+    def __init__(self, comm: MPI.Comm, stop: Callable[[int], None]) -> None:
+        self._comm, self._stop = comm, stop
+        self._asked, self._write = 0, False
+        self.waits = False
+        self.stopped_at_once = 0
+        self._before: dict[int, Any] = {}
+
+    def install(self) -> None:
+        """Install the handlers."""
+        if threading.current_thread() is threading.main_thread():
+            for number in (*STOPS, signal.SIGUSR1):
+                self._before[number] = signal.signal(number, self._handle)
+
+    def restore(self) -> None:
+        """Restore the handlers from before."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
+        self._before.clear()
+
+    def _handle(self, number: int, _: FrameType | None) -> None:
+        if number == signal.SIGUSR1:
+            self._write = True
+            return
+        again, self._asked = self._asked > 0, number
+        if again and self._comm.size > 1:  # the others may wait for this rank
+            sys.stderr.write("stopped at once; the state on disk is that of the last write\n")
+            sys.stderr.flush()
+            self._comm.Abort(128 + number)
+        if again or (self._comm.size == 1 and not self.waits):
+            self.stopped_at_once = number
+            self._stop(number)
+
+    def asked(self, comm: MPI.Comm) -> tuple[int, bool]:
+        """Return the signal that asks for an end, or 0, and whether to write (collective)."""
+        found = np.zeros(2, dtype=np.int64)
+        own = np.array([self._asked, self._write], dtype=np.int64)
+        self._write = False
+        comm.Allreduce(own, found, op=MPI.MAX)
+        return int(found[0]), bool(found[1])
