@@ -317,7 +317,8 @@ def _spread(figures: list[Figure]) -> str:
 def _ends(figures: list[Figure]) -> str:
     values = [one.value for one in figures if one.value is not None]
     ends = sorted({min(values), max(values)}) if values else []
-    return " to ".join(formatted(end, figures[0].unit, 3) for end in ends) or NONE
+    told = dict.fromkeys(formatted(end, figures[0].unit, 3) for end in ends)
+    return " to ".join(told) or NONE
 
 
 def kernels_table(rows: Rows) -> str:
