@@ -261,9 +261,7 @@ def products_table(rows: Rows) -> str:
             continue
         count = len(ends)
         values = [np.inf if row.value is None else row.value for row in ends]
-        by_value = sum(
-            value <= 1 and row.note != State.MISSED for row, value in zip(ends, values, strict=True)
-        )
+        by_value = sum(map(_by_value, ends))
         certain = sum(row.note == State.REACHED for row in ends)
         shown = [
             _spread([figure_of(r) for r in own if r.figure == key])
@@ -277,6 +275,31 @@ def products_table(rows: Rows) -> str:
     head = ("product", "by value", "certain", "worst figure over its tolerance",
             "figures: least to largest, largest half-width", "median CPU time")  # fmt: skip
     return markdown(head, lines)
+
+
+def products_in_short(rows: Rows) -> str:
+    """Return in a sentence how many designs reach, and the products that do so least often."""
+    ends = [row for row in rows if row.case == "products" and row.figure == "worst"]
+    by_title: dict[str, list[Row]] = {}
+    for row in ends:
+        by_title.setdefault(row.variant.rpartition(", seed ")[0], []).append(row)
+    reached = {title: sum(map(_by_value, own)) for title, own in by_title.items()}
+    certain = sum(row.note == State.REACHED for row in ends)
+    worst = sorted(by_title, key=lambda title: reached[title] / len(by_title[title]))
+    often = "; ".join(
+        f"{title}, {reached[title]} of {len(by_title[title])}"
+        for title in worst
+        if reached[title] < len(by_title[title])
+    )
+    return (
+        f"From other seeds: of {len(ends)} coarse designs of {len(by_title)} products "
+        f"{sum(reached.values())} reach all their targets by value, and {certain} certainly. Not "
+        f"all of: {often}. [Table](demos/README.md#how-often-each-product-reaches-its-target)."
+    )
+
+
+def _by_value(row: Row) -> bool:
+    return row.value is not None and row.value <= 1 and row.note != State.MISSED
 
 
 def bends_table(rows: Rows) -> str:
@@ -355,6 +378,7 @@ COMMAND = Command(
     serial=True,
     tables=(
         Table("../demos/README.md", "products from several seeds", products_table),
+        Table("../README.md", "products in short", products_in_short),
         Table("optimisation.md", "bends and pressures", bends_table),
         Table("optimisation.md", "reproducible runs", kernels_table),
     ),
