@@ -30,20 +30,22 @@ def polished(
     """Go on with a design whose print has free islands, from one without them (collective).
 
     Cleaning removes or bridges islands that the design relies on, which moves the shape. The design
-    is told: specks are removed, all others joined to the rest, and the stages of the options
-    follow. Where that has no equilibrium, all are removed. A design whose print has none is
-    returned as it is. The arguments are those of `optimize`.
+    is told: specks are removed and all others joined to the rest, or all are removed, whichever
+    does less harm to the objective, and the stages of the options follow. A design whose print has
+    none is returned as it is. The arguments are those of `optimize`.
     """
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
     require_kind("printed", printed, PrintedDesign, "a PrintedDesign, by as_printed")
     problem, near = result.problem, result.final.equilibrium
     if not on_first_rank(problem.comm, lambda: len(printed.before.free_islands)):
         return result
-    joined, start = without_free_islands(problem, result, printed)
-    # A line too many is thinned out in a few steps; print that is gone does not come back.
-    with suppress(NoEquilibriumError):  # raised by all ranks or by none
-        problem.simulate(joined, near.state, near.pressures, trial=True)
-        start = joined
+    starts, objectives = without_free_islands(problem, result, printed), []
+    for density in starts:
+        objectives.append(np.inf)
+        with suppress(NoEquilibriumError):  # raised by all ranks or by none
+            found = problem.simulate(density, near.state, near.pressures, trial=True)
+            objectives[-1] = found.objective
+    start = starts[int(np.argmin(objectives))]
     return optimize(problem, options, start=start, callback=callback, after=result, journal=journal)
 
 
