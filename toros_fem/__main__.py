@@ -16,11 +16,10 @@ def main() -> int:
     """Run the command that the command line names, on all ranks; return the exit code."""
     words = sys.argv[1:]
     try:
-        from toros_fem.cli.commands.main import parsed, run
+        from toros_fem.cli.commands.main import help_at_once, run
 
         if words in (["--help"], ["-h"], ["--version"]) and not _among_ranks():
-            parsed(words, first=True)  # which loads neither NumPy nor MPI
-            return 0
+            return help_at_once(words[0])
         use_writable_places()
         # PETSc would end all ranks where a pipe breaks, a signal that Python ignores.
         os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler"

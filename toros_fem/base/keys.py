@@ -413,7 +413,7 @@ def refusal_of(
     if name not in keys:
         return ParameterError(f"unknown parameter {name!r}; {nearest(name, keys)}", name)
     one, rest = keys[name], [part for part in place[1:] if isinstance(part, str)]
-    if isinstance(one.kind, type) and issubclass(one.kind, Table) and rest[:1]:
+    if issubclass(one.kind, Table) and rest:
         inner = place[1 + place[1:].index(rest[0]) :]
         return refusal_of(one.kind.described(), inner, error)
     if error["type"].startswith("missing") and len(place) == 1:
@@ -451,13 +451,12 @@ def meant(word: Any, known: Iterable[str]) -> str | None:
     return next(iter(difflib.get_close_matches(name, words, n=1)), None)
 
 
-def nearest(word: Any, known: Iterable[str], otherwise: str = "") -> str:
+def nearest(word: Any, known: Iterable[str]) -> str:
     """Return the advice for an unknown word: the nearest known one, by default all of them."""
     words = list(known)
     if near := meant(word, words):
         return f"did you mean {near!r}?"
-    every = f"known are {', '.join(words)}." if words else "none is known here."
-    return otherwise or every
+    return f"known are {', '.join(words)}." if words else "none is known here."
 
 
 @functools.cache

@@ -33,8 +33,7 @@ _TOKEN = re.compile(
     r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|[][{}\n]',
     re.DOTALL,
 )
-
-
+# Parts of a key that stand in a chain, in a text that need not be TOML.
 _WORD = r"(?:\"[^\"]*\"|'[^']*'|[^\s.=\"'#\[\]{},]+)"
 _CHAIN = re.compile(rf"{_WORD}(?:[ \t]*\.[ \t]*{_WORD})*")
 

@@ -150,12 +150,14 @@ def test_only_the_first_rank_prints(comm: MPI.Comm, capsys: pytest.CaptureFixtur
     assert ("there is no file nothing.stl" in captured.err) == (comm.rank == 0)
 
 
-def started(*words: str, out: int = subprocess.PIPE) -> subprocess.CompletedProcess[str]:
+def started(
+    *words: str, out: int = subprocess.PIPE, **variables: str
+) -> subprocess.CompletedProcess[str]:
     """Run Python as a shell does, in a process that no mpirun knows of."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
     return subprocess.run(
         [sys.executable, *words], text=True, stdout=out, stderr=subprocess.PIPE, check=False,
-        env={**environment, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""},
+        env={**environment, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "", **variables},
     )  # fmt: skip
 
 
@@ -198,7 +200,18 @@ def test_shells_complete_options_and_choices() -> None:
         assert word in script
 
 
-@pytest.mark.parametrize("words", ["materials", "materials --json"])
+def test_the_first_help_is_told_on_any_stream() -> None:
+    """On one that lacks letters, and on a full disk."""
+    done = started("-m", "toros_fem", "--help", PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.endswith(r"mpirun -n 2 toros COMMAND \u2026" + "\n")
+    with Path("/dev/full").open("w") as full:
+        done = started("-m", "toros_fem", "--help", out=full.fileno())
+    assert done.returncode == 4
+    assert done.stderr.startswith("the answer cannot be written: [Errno 28]")
+
+
+@pytest.mark.parametrize("words", ["--help", "materials", "materials --json"])
 def test_a_reader_that_goes_ends_nothing(words: str) -> None:
     """As `toros materials | head -1` does: no error, no traceback, exit code 0."""
     read, write = os.pipe()

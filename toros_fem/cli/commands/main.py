@@ -177,9 +177,7 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
         words: The words after `toros`.
     """
     as_json, quiet = "--json" in words, "--quiet" in words
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # which may lack letters
-            stream.reconfigure(errors="backslashreplace")
+    _take_all_letters()
     with open(os.devnull, "w") as nowhere:
         # What is printed meanwhile is kept from an answer that a program reads.
         place = nowhere if quiet else sys.stderr if as_json else sys.stdout
@@ -189,19 +187,43 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
             except (Exception, KeyboardInterrupt, RunStoppedError) as error:
                 answer = _failed(comm, error)
     code = DONE if answer is None else answer.code
-    if comm.rank == 0:
-        try:
-            if answer is not None:
-                name = next((word for word in words if word in COMMANDS), None)
-                _print(name, answer, as_json=as_json)
-            sys.stdout.flush()
-        except OSError as fault:
-            if not isinstance(fault, BrokenPipeError):  # of a reader that has gone, as `head` does
-                print(f"the answer cannot be written: {fault}", file=sys.stderr)
-                code = code or NOT_WRITTEN
-            # What the stream still holds would fail again when Python ends.
-            with open(os.devnull, "w") as nothing:
-                os.dup2(nothing.fileno(), sys.stdout.fileno())
+
+    def tell() -> None:
+        if answer is not None:
+            name = next((word for word in words if word in COMMANDS), None)
+            _print(name, answer, as_json=as_json)
+
+    return _printed(tell, code) if comm.rank == 0 else code
+
+
+def help_at_once(word: str) -> int:
+    """Do --help or --version in a process without others, and return the exit code.
+
+    Neither NumPy nor MPI is loaded.
+    """
+    _take_all_letters()
+    return _printed(lambda: parsed([word], first=True), DONE)
+
+
+def _take_all_letters() -> None:
+    """Let streams write what they have no letters for in another way."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _printed(tell: Callable[[], object], code: int) -> int:
+    """Print the end of a command, and return its exit code, if nothing else has failed."""
+    try:
+        tell()
+        sys.stdout.flush()
+    except OSError as fault:
+        if not isinstance(fault, BrokenPipeError):  # of a reader that has gone, as `head` does
+            print(f"the answer cannot be written: {fault}", file=sys.stderr)
+            code = code or NOT_WRITTEN
+        # What the stream still holds would fail again when Python ends.
+        with open(os.devnull, "w") as nothing:
+            os.dup2(nothing.fileno(), sys.stdout.fileno())
     return code
 
 

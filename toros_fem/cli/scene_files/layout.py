@@ -57,11 +57,6 @@ def file_type(kind: type[Scene]) -> TypeAdapter[dict[str, Any]]:
     return TypeAdapter(typed(kind.KIND, ABOUT[kind.KIND], content))
 
 
-def every_type(kind: type[Scene]) -> TypeAdapter[dict[str, Any]]:
-    """Return the type of keys of all tables that stand once, and of their values."""
-    return TypeAdapter(given_of(QUICK, HOLDS[QUICK], keys_of(kind)[QUICK]))
-
-
 def scene_schema(kind: type[Scene]) -> dict[str, Any]:
     """Return the JSON schema (2020-12) of scene files of a kind."""
     return {"$schema": DIALECT, **file_type(kind).json_schema()}
