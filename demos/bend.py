@@ -119,6 +119,8 @@ intervals = tf.print_intervals(printed, {k: case(k * edges[-1]) for k in (1.5, 2
 # %%
 told = tf.write_results(given.output, result, printed, intervals=intervals)
 if comm.rank == 0:
-    found = {row["name"]: row["value"] for row in told["figures"]}
-    reached = f"{found['angle']:.1f}° of {ANGLE:g}° at {found['pressure'] / 1e3:.2f} kPa as printed"
-    print(f"{reached}; see {given.output}/. {told['verdict']['words']}.")
+    found = {row["name"]: row for row in told["figures"]}
+    angle, pressure = found["angle"], 1e-3 * found["pressure"]["value"]
+    reached = f"{angle['value']:.1f} ± {angle['interval'] or np.nan:.1f}° of {ANGLE:g}°"
+    print(f"{reached} at {pressure:.2f} kPa as printed; see {given.output}/.", end=" ")
+    print(f"{told['verdict']['words']}.")
