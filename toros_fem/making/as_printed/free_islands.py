@@ -30,9 +30,9 @@ def polished(
     """Go on with a design whose print has free islands, from one without them (collective).
 
     Cleaning removes or bridges islands that the design relies on, which moves the shape. The design
-    is told: specks are removed and all others joined to the rest, or all are removed, whichever
-    does less harm to the objective, and the stages of the options follow. A design whose print has
-    none is returned as it is. The arguments are those of `optimize`.
+    is told: none, specks or all are removed and the others joined to the rest, whichever does the
+    least harm to the objective, and the stages of the options follow. A design whose print has none
+    is returned as it is. The arguments are those of `optimize`.
     """
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
     require_kind("printed", printed, PrintedDesign, "a PrintedDesign, by as_printed")
@@ -51,12 +51,12 @@ def polished(
 
 def without_free_islands(
     problem: DesignProblem, result: DesignResult, printed: PrintedDesign
-) -> tuple[Floats, Floats]:
-    """Return ρ at owned triangles with free islands joined, and without any (collective).
+) -> tuple[Floats, ...]:
+    """Return densities at owned triangles without free islands, all that differ (collective).
 
-    An island may carry load: so it is kept by a straight line two filter radii wide, along the
-    shortest way to attached print of its panel, or to an island that has its line already. Specks,
-    no larger than a disc of the filter's radius, are removed all the same. Islands
+    None, specks or all of the islands are removed. Specks are no larger than a disc of the filter's
+    radius. The others may carry load: each is kept by a straight line two radii wide, along the
+    shortest way to attached print of its panel, or to an island that has its line already. Islands
     are those of the contours. Where a part of the skin is designed, its triangles and panels are
     the first of the whole, at the same flat places.
     """
@@ -64,26 +64,27 @@ def without_free_islands(
     pattern = skin.pattern
 
     def find() -> Bools:
-        cleared, specks, bridged = found = np.zeros((3, len(pattern.panel)), dtype=bool)
+        ways = np.zeros((3, 2, len(pattern.panel)), dtype=bool)
         for panel in {island.panel for island in printed.before.free_islands}:
             islands = [i.polygon for i in printed.before.free_islands if i.panel == panel]
-            rest = shapely.difference(printed.contours[panel], shapely.union_all(islands))
+            specks = [island for island in islands if island.area <= np.pi * radius**2]
+            print_of_panel = printed.contours[panel]
+            attached = shapely.difference(print_of_panel, shapely.union_all(islands))
             cells = np.flatnonzero(pattern.panel == panel)
             at = shapely.points(pattern.centroids[cells])
-            # Densities up to R beyond its border contribute to an island. Those closer than R/2 to
-            # the rest of the print contribute to the rest as well and stay.
-            small = [island for island in islands if island.area <= np.pi * radius**2]
-            for away, gone in ((islands, cleared), (small, specks)):
-                every = shapely.union_all(away)
-                left = shapely.difference(printed.contours[panel], every)
-                near = shapely.dwithin(at, every, radius)
+            for removed, (gone, lines) in zip(([], specks, islands), ways, strict=True):
+                # Densities up to R beyond its border contribute to an island. Those closer than
+                # R/2 to the rest of the print contribute to the rest as well and stay.
+                away = shapely.union_all(removed)
+                left = shapely.difference(print_of_panel, away)
+                near = shapely.dwithin(at, away, radius)
                 gone[cells] = near & ~shapely.dwithin(at, left, radius / 2)
-            for island in [] if rest.is_empty else [i for i in islands if i not in small]:
-                line = shapely.shortest_line(island, rest)
-                bridged[cells] |= shapely.dwithin(at, line, radius)
-                rest = shapely.union_all([rest, island, line])
-        return found
+                rest = attached
+                for island in [] if rest.is_empty else [i for i in islands if i not in removed]:
+                    line = shapely.shortest_line(island, rest)
+                    lines[cells] |= shapely.dwithin(at, line, radius)
+                    rest = shapely.union_all([rest, island, line])
+        return np.unique(ways, axis=0)
 
-    cleared, specks, bridged = on_first_rank(skin.comm, find)[:, skin.owned_cells]
-    kept = np.where(specks, 0.0, result.density)
-    return np.where(bridged, 1.0, kept), np.where(cleared, 0.0, result.density)
+    ways = on_first_rank(skin.comm, find)[..., skin.owned_cells]
+    return tuple(np.where(lines, 1.0, np.where(gone, 0.0, result.density)) for gone, lines in ways)

@@ -390,10 +390,10 @@ class ActuatorScene(MeshedScene):
         """Design the pattern and write all results (collective).
 
         The design goes from coarse to fine over the levels of the scene. On each, free islands of
-        the printed pattern are connected to the rest, specks removed, and the
-        design is continued for `polish_iterations` steps. With several starts the best one takes
-        the place of the first level; its islands are left to the next. The design is asked again
-        for what its print misses, `corrections` times at most.
+        the printed pattern are connected to the rest or removed, and the design is continued for
+        `polish_iterations` steps. With several starts the best one takes the place of the first
+        level; its islands are left to the next. The design is asked again for what its print
+        misses, `corrections` times at most.
 
         With `start` = "relaxed" line families are designed and laid as lines instead, by
         `discover`, and densities come last.
