@@ -51,8 +51,8 @@ relaxed_edge, print_edge, width = (5e-3, 2e-3, 1.2e-3) if given.coarse else (4e-
 
 
 # %%
-def problem(edge: float, asked: float) -> tf.ShapeDesign:
-    """Return the design problem on a mesh."""
+def case(edge: float) -> tf.Case:
+    """Return the tube on a mesh, and its target."""
     pattern = cylinder(comm, LENGTH, DIAMETER, edge, planes=(1,))
     whole, count = mirrored(pattern, (1,)).pattern, 12
     labels = label_cross_sections(whole, whole.vertices_of("wall"), (0, 0, 1), count)
@@ -61,9 +61,9 @@ def problem(edge: float, asked: float) -> tf.ShapeDesign:
     shortening = tf.Metric(
         "shortening", "percent", SHORTENING, lambda of, x: 100 * (1 - tf.length_ratio(of, x))
     )
-    case = tf.Case(
+    return tf.Case(
         pattern,
-        target=contract(1 - asked / 100),
+        target=contract(1 - SHORTENING / 100),
         supports=tf.clamp(pattern, ["base"]) | tf.symmetry_plane(pattern, 1),
         pressure=PRESSURE,  # the most that the pump gives
         pressure_bounds=(PRESSURE / 10, PRESSURE),
@@ -74,57 +74,27 @@ def problem(edge: float, asked: float) -> tf.ShapeDesign:
         printed_panels=["base", "tip"],
         symmetry=(1,),
     )
-    return tf.ShapeDesign(comm, case, tf.Regularisation(2 * edge, length_scale=None))
 
 
 # %% [markdown]
-# ## Relaxed design, lines, print; and again for what is missing
+# ## Relaxed design, lines, print, verdict
 
 # %%
-options = tf.RelaxedOptions(share_weight=0.01)
-widths = tf.LineOptions(widths=(width, width), print_width=0.6e-3)
-limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
-
-asked, relaxed, best = SHORTENING, None, None
-for _ in range(4):
-    design = problem(relaxed_edge, asked)
-    relaxed = tf.find_lines(design, options, seed=given.seed, callback=reporter, after=relaxed)
-    field = relaxed.field
-    caps = field.pattern.panel != field.pattern.panel_index("wall")
-    lines = comm.bcast(
-        tf.lay_lines(field, widths, printed=caps, planes=(1,)) if comm.rank == 0 else None, root=0
-    )
-    near = field.pattern, relaxed.positions
-    printed = tf.printed_lines(
-        problem(print_edge, SHORTENING),
-        lines.pattern,
-        lines.regions,
-        limits,
-        island_area=20e-6,
-        near=near,
-        pressure=relaxed.pressures,
-    )
-    reached = printed.metrics["shortening_percent"]
-    if comm.rank == 0:
-        print(f"asked {asked:.2f} %, printed {reached:.2f} % of {SHORTENING:g} %", flush=True)
-    if best is None or abs(reached - SHORTENING) < abs(best[0] - SHORTENING):
-        best = reached, printed, relaxed
-    if abs(reached - SHORTENING) < 0.005 * SHORTENING:
-        break
-    asked += SHORTENING - reached
-
-# %% [markdown]
-# ## Files
-#
-# `pattern.svg` has the flat panels in true scale, `skin.vtu` the shape for ParaView. `toros export
-# FOLDER` writes the files for printer and cutter.
-
-# %%
-printed, relaxed = tf.trimmed(best[1]), best[2]
-made = printed.evaluation
-reached = printed.metrics["shortening_percent"]
-result = tf.DesignResult(made.problem, made.projected, made, relaxed.history, relaxed.reason, {})
-tf.write_results(given.output, result, printed, seconds=reporter.seconds)
+made = tf.design_skin(
+    comm,
+    case,
+    print_edge,
+    given.output,
+    overwrite=given.overwrite,
+    start="relaxed",
+    seed=given.seed,
+    relaxed_edge_length=relaxed_edge,
+    laid_width=width,
+    corrections=8,
+)
 if comm.rank == 0:
-    print(f"{reached:.2f} % of {SHORTENING:g} % as printed; see {given.output}/shape.png")
+    print(made)
+
+# %% [markdown]
+# `report.html` has all pictures, `pattern.svg` the flat panels in true scale, `skin.vtu` the shape
+# for ParaView, `manufacture/` the files for printer and cutter.

@@ -31,6 +31,7 @@ from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.meshes import bend, mirrored, read_surface, unwrap
 from toros_fem.meshes.surfaces.planes import cut_at_planes, straightened
 from toros_fem.meshes.surfaces.surface import volume
+from toros_fem.meshes.transfer import refine
 from toros_fem.products.tables.loads import TipWeights
 
 FILE = Path(__file__).parent / "surfaces" / "finger.stl"
@@ -43,7 +44,7 @@ parser.add_argument("--overwrite", action="store_true", help="replace the run in
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
-ANGLE, FOOT = 60.0, 4e-3  # deg, m
+ANGLE, FOOT, EDGE = 60.0, 4e-3, 2.43e-3  # deg, m; EDGE is the mean edge of the file
 PUMP = 15e3  # Pa, the most that it gives
 
 # %% [markdown]
@@ -55,12 +56,11 @@ PUMP = 15e3  # Pa, the most that it gives
 
 # %%
 surface = read_surface(comm, FILE, scale=1e-3)  # the file is in mm
-pattern = straightened(unwrap(comm, cut_at_planes(surface, [1])[0]).pattern, [1])
-whole = mirrored(pattern, [1]).pattern
+file_mesh = straightened(unwrap(comm, cut_at_planes(surface, [1])[0]).pattern, [1])
+whole = mirrored(file_mesh, [1]).pattern
 low, high = whole.points.min(axis=0), whole.points.max(axis=0)
 length, half_width = high[2] - low[2], (high[0] - low[0]) / 2
 middle = np.array([*(low + high)[:2] / 2, low[2]])  # of the foot; the axis goes up from here
-height = {name: pattern.points[pattern.vertices_of(name), 2] for name in pattern.panel_names}
 
 # %% [markdown]
 # ## Supports, target, loads
@@ -84,47 +84,57 @@ def angle_of(of: tf.meshes.Pattern, x: np.ndarray) -> float:
     return float(np.degrees(tf.bend_between(of, x, z > high[2] - 1e-6, z < low[2] + FOOT, **way)))
 
 
-foot = tf.clamp_where(pattern, lambda x: x[:, 2] - low[2] < FOOT)
-tip = np.flatnonzero(whole.points[:, 2] > high[2] - 1e-6)
-areas = whole.vertex_areas[tip]
-arm = whole.points[tip] - np.average(whole.points[tip], axis=0, weights=areas)
-radius_of_tip = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=areas)))
-case = tf.Case(
-    pattern,
-    target=lambda points: deform(points - middle) + middle,
-    supports=foot | tf.symmetry_plane(pattern, 1),
-    pressure=start,
-    pressure_bounds=(least, PUMP),
-    composite=sheets,
-    # The tip counts as much as all the rest, in place and in orientation.
-    parts=[TipWeights().shape_part(whole, tip, tip, radius_of_tip)],
-    parts_of_whole=True,
-    metrics=[tf.Metric("angle", "deg", ANGLE, angle_of).of_whole([1])],
-    printed_panels=[name for name, z in height.items() if np.ptp(z) < 1e-6],
-    symmetry=(1,),
-)
+def case(edge: float) -> tf.Case:
+    """Return half the finger on the mesh of the file, or on one whose triangles are divided."""
+    if edge > 1.01 * EDGE:
+        raise tf.errors.ParameterError("the mesh of the file is the coarsest that there is.")
+    mesh = file_mesh
+    for _ in range(round(np.log2(EDGE / edge))):
+        mesh = refine(mesh).pattern
+    z, both = mesh.points[:, 2], mirrored(mesh, [1]).pattern
+    tip = np.flatnonzero(both.points[:, 2] > high[2] - 1e-6)
+    areas = both.vertex_areas[tip]
+    arm = both.points[tip] - np.average(both.points[tip], axis=0, weights=areas)
+    radius_of_tip = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=areas)))
+    foot = tf.clamp_where(mesh, lambda x: x[:, 2] - low[2] < FOOT)
+    return tf.Case(
+        mesh,
+        target=lambda points: deform(points - middle) + middle,
+        supports=foot | tf.symmetry_plane(mesh, 1),
+        pressure=start,
+        pressure_bounds=(least, PUMP),
+        composite=sheets,
+        # The tip counts as much as all the rest, in place and in orientation.
+        parts=[TipWeights().shape_part(both, tip, tip, radius_of_tip)],
+        parts_of_whole=True,
+        metrics=[tf.Metric("angle", "deg", ANGLE, angle_of).of_whole([1])],
+        printed_panels=[n for n in mesh.panel_names if np.ptp(z[mesh.vertices_of(n)]) < 1e-6],
+        symmetry=(1,),
+    )
+
 
 # %% [markdown]
-# ## Design and print
+# ## Design, print, verdict
+
 # %%
 first, second = (40, 30) if given.coarse else (60, 40)
-stages = (tf.Stage(first), tf.Stage(second, constrained=True))
-design = tf.ShapeDesign(comm, case, tf.Regularisation(3.9e-3))
-reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
-options = tf.DesignOptions(stages, min_relative_decrease=0.05)
-result = tf.optimize(design, options, seed=given.seed, callback=reporter)
-limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-printed = tf.trimmed(tf.as_printed(design, result, limits, island_area=50e-6))
-result, printed = tf.corrected(result, printed, callback=reporter)
+made = tf.design_skin(
+    comm,
+    case,
+    EDGE,
+    given.output,
+    overwrite=given.overwrite,
+    seed=given.seed,
+    filter_radius=3.9e-3,
+    iterations=first,
+    constrained_iterations=second,
+    polish_iterations=10 if given.coarse else 20,
+    island_area=50e-6,
+    curve_pressure=None,
+)
+if comm.rank == 0:
+    print(made)
 
 # %% [markdown]
-# ## Files
-#
-# `summary.json` has the figures, `pattern.svg` the flat panels in true scale, `skin.vtu` the shape
-# for ParaView. `toros export FOLDER` writes the files for printer and cutter.
-
-# %%
-summary = tf.write_results(given.output, result, printed, seconds=reporter.seconds)
-if comm.rank == 0:
-    rows = [f"{row['name']} {row['value']:.4g} {row['unit']}" for row in summary["figures"][:2]]
-    print(f"{', '.join(rows)} as printed; see {given.output}/shape.png")
+# `report.html` has all pictures, `pattern.svg` the flat panels in true scale, `skin.vtu` the shape
+# for ParaView, `manufacture/` the files for printer and cutter.

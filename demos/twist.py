@@ -9,8 +9,8 @@
 #
 # is smooth in sₖ and tₖ, and MMA finds coherent families from a random start (docs/discovery.md).
 # Lines of printable width are then laid along the families, cleaned and inflated. A print has few
-# lines where the relaxed material has infinitely many, so it twists less. The next design asks for
-# more, by the angle that the print misses (space mapping, Bandler et al. 1994).
+# lines where the relaxed material has infinitely many, so it twists less. What it misses is asked
+# for again: by other widths of its lines, or by a relaxed design of a larger angle.
 #
 #     python demos/twist.py --coarse           # a minute or two
 #     mpirun -n 2 python demos/twist.py --coarse
@@ -45,17 +45,17 @@ relaxed_edge, print_edge, width = (5e-3, 2e-3, 1.2e-3) if given.coarse else (4e-
 
 
 # %%
-def problem(edge: float, asked: float) -> tf.ShapeDesign:
-    """Return the design problem on a mesh."""
+def case(edge: float, twist_deg: float = TWIST) -> tf.Case:
+    """Return the tube on a mesh, and its target; another one is asked for what a print misses."""
     pattern = cylinder(comm, LENGTH, DIAMETER, edge)
     count = 12
     labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), count)
     places = np.outer(np.append(np.full(count, 1 / count), 1.0), [1.0, 1.0, 0.0])
     turning = np.full(count + 1, (count + 1) * (0.03 / pattern.size) ** 2)
-    angle = tf.Metric("twist", "deg", TWIST, lambda of, x: np.degrees(tf.twist_angle(of, x)))
-    case = tf.Case(
+    angle = tf.Metric("twist", "deg", twist_deg, lambda of, x: np.degrees(tf.twist_angle(of, x)))
+    return tf.Case(
         pattern,
-        target=twist(np.radians(asked), LENGTH),
+        target=twist(np.radians(twist_deg), LENGTH),
         supports=tf.clamp(pattern, ["base"]),
         pressure=PRESSURE,  # the most that the pump gives
         pressure_bounds=(PRESSURE / 10, PRESSURE),
@@ -64,56 +64,26 @@ def problem(edge: float, asked: float) -> tf.ShapeDesign:
         metrics=[angle],
         printed_panels=["base", "tip"],
     )
-    return tf.ShapeDesign(comm, case, tf.Regularisation(2 * edge, length_scale=None))
 
 
 # %% [markdown]
-# ## Relaxed design, lines, print; and again for what is missing
+# ## Relaxed design, lines, print, verdict
 
 # %%
-options = tf.RelaxedOptions(share_weight=0.01)
-widths = tf.LineOptions(widths=(width, width), print_width=0.6e-3)
-limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
-
-asked, relaxed, best = TWIST, None, None
-for _ in range(4):
-    design = problem(relaxed_edge, asked)
-    relaxed = tf.find_lines(design, options, seed=given.seed, callback=reporter, after=relaxed)
-    field = relaxed.field
-    caps = field.pattern.panel != field.pattern.panel_index("wall")
-    lines = comm.bcast(
-        tf.lay_lines(field, widths, printed=caps) if comm.rank == 0 else None, root=0
-    )
-    near = field.pattern, relaxed.positions
-    printed = tf.printed_lines(
-        problem(print_edge, TWIST),
-        lines.pattern,
-        lines.regions,
-        limits,
-        island_area=20e-6,
-        near=near,
-        pressure=relaxed.pressures,
-    )
-    reached = printed.metrics["twist_deg"]
-    if comm.rank == 0:
-        print(f"asked {asked:.1f}°, printed {reached:.1f}° of {TWIST:g}°", flush=True)
-    if best is None or abs(reached - TWIST) < abs(best[0] - TWIST):
-        best = reached, printed, relaxed
-    if abs(reached - TWIST) < 0.005 * TWIST:
-        break
-    asked += TWIST - reached
-
-# %% [markdown]
-# ## Files
-#
-# `toros export FOLDER` writes the files for printer and cutter.
-
-# %%
-printed, relaxed = tf.trimmed(best[1]), best[2]
-made = printed.evaluation
-reached = printed.metrics["twist_deg"]
-result = tf.DesignResult(made.problem, made.projected, made, relaxed.history, relaxed.reason, {})
-tf.write_results(given.output, result, printed, seconds=reporter.seconds)
+made = tf.design_skin(
+    comm,
+    case,
+    print_edge,
+    given.output,
+    overwrite=given.overwrite,
+    start="relaxed",
+    seed=given.seed,
+    relaxed_edge_length=relaxed_edge,
+    laid_width=width,
+    corrections=8,
+)
 if comm.rank == 0:
-    print(f"{reached:.1f}° of {TWIST:g}° as printed; see {given.output}/shape.png")
+    print(made)
+
+# %% [markdown]
+# `report.html` has all pictures, `manufacture/` the files for printer and cutter.

@@ -50,44 +50,45 @@ edge, radius, foot = (2.8e-3, 4.3e-3, 15e-3) if given.coarse else (1.8e-3, 2.75e
 # of symmetry do the rest. On the coarse mesh the feet are printed: few steps leave holes there.
 
 # %%
-pattern = walker(comm, edge, star, planes=(0, 1))
 along = np.append(star.directions[0], 0.0)
 bent = stand(np.radians(ANGLE), 0.03, directions=star.directions[:1], root=star.root)
 leg = Leg(along, (0.0, 0.0, -1.0), star.root)
 weights = LegWeights(cross_sections=6, centreline_weight=0.02, orientation_length=0.03)
 composite = tf.Composite(bending=tf.Bending(seams="hinged"))  # sewn seams carry no moment
-case = tf.Case(
-    pattern,
-    target=bent(pattern.points),
-    supports=rest_on_body(pattern, star.body_radius, (0, 1)),
-    pressure=PRESSURE,  # the most that the pump gives
-    pressure_bounds=(PRESSURE / 10, PRESSURE),
-    composite=composite,
-    parts=[leg.sections(pattern, weights)],
-    metrics=[leg.angle_metric(ANGLE)],
-    passive=np.where(plane_centroids(pattern) @ along[:2] > star.reach - foot, 1.0, np.nan),
-    # The top is to stretch; without this hint the start does not tell up from down.
-    start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
-    symmetry=(0, 1),
-)
 
-# %% [markdown]
-# ## Design, print, files
-#
-# First the steps are free, then lines and gaps keep a least width (eqs. 13, 14). `toros export
-# FOLDER` writes the files for printer and cutter.
 
-# %%
+def case(edge: float) -> tf.Case:
+    """Return a quarter of the robot on a mesh, and its target."""
+    pattern = walker(comm, edge, star, planes=(0, 1))
+    return tf.Case(
+        pattern,
+        target=bent(pattern.points),
+        supports=rest_on_body(pattern, star.body_radius, (0, 1)),
+        pressure=PRESSURE,  # the most that the pump gives
+        pressure_bounds=(PRESSURE / 10, PRESSURE),
+        composite=composite,
+        parts=[leg.sections(pattern, weights)],
+        metrics=[leg.angle_metric(ANGLE)],
+        passive=np.where(plane_centroids(pattern) @ along[:2] > star.reach - foot, 1.0, np.nan),
+        # The top is to stretch; without this hint the start does not tell up from down.
+        start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
+        symmetry=(0, 1),
+    )
+
+
 first, second = (40, 30) if given.coarse else (60, 40)
-stages = tf.Stage(first), tf.Stage(second, constrained=True)
-options = tf.DesignOptions(stages, min_relative_decrease=0.05)
-reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
-design = tf.ShapeDesign(comm, case, tf.Regularisation(radius))
-result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
-limits = tf.PrintLimits(0.6e-3, 0.6e-3)
-printed = tf.trimmed(tf.as_printed(design, result, limits, island_area=20e-6))
-result, printed = tf.corrected(result, printed, callback=reporter)
-summary = tf.write_results(given.output, result, printed, seconds=reporter.seconds)
+found = tf.design_skin(
+    comm,
+    case,
+    edge,
+    given.output,
+    overwrite=given.overwrite,
+    seed=given.seed,
+    filter_radius=radius,
+    iterations=first,
+    constrained_iterations=second,
+    check_refinement=2,  # a mesh with edges half as long tells the figures
+)
 
 # %% [markdown]
 # ## The gait
@@ -96,7 +97,7 @@ summary = tf.write_results(given.output, result, printed, seconds=reporter.secon
 # All are filled, then the legs are emptied, and so on. Full legs draw the rear feet up to the front
 # ones; emptied, they push the front ones ahead.
 # %%
-made = printed.evaluation or result.final
+made = found.printed.evaluation or found.design.final
 assert isinstance(made.problem, tf.ShapeDesign)
 quarter, quadratic = made.problem.skin, made.problem.case.quadratic  # on the print's own mesh
 both = mirrored(quarter.pattern, (0,))
@@ -124,7 +125,7 @@ pressures = [list(made.equilibrium.pressure * row) for row in gait.pressure_frac
 points = list(tf.trace(solver, density, pressures, start=start[skin.owned_vertices]))
 touching = sizes.thickness / 2 + sizes.distance
 walk = walk_of(gait, points, mirrored(half, (1,)), star.directions, height, touching)
-write_gait(comm, given.output, walk, printed.regions)
+write_gait(comm, given.output, walk, found.printed.regions)
 if comm.rank == 0:
-    print(f"legs by {summary['figures'][0]['value']:.1f}° of {ANGLE:g}° as printed")
-    print(f"a stride of {1e3 * walk.stride:.1f} mm; see shape.png and gait.png in {given.output}")
+    print(found)
+    print(f"A stride of {1e3 * walk.stride:.1f} mm; see report.html and gait.png in {given.output}")

@@ -19,7 +19,6 @@ from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Materia
 from toros_fem.measures.between_regions import (
     bend_between,
     length_between,
-    tip_frame,
     twist_between,
 )
 from toros_fem.measures.cross_sections import CrossSections
@@ -36,6 +35,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp, clamp_where, pin, symmetry_plane
 from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.corrections import corrected
+from toros_fem.products.actuators.design_skin import design_skin
 from toros_fem.products.actuators.estimates import print_intervals
 from toros_fem.products.actuators.trim import trimmed
 from toros_fem.products.fitting.fit import fit_material
@@ -79,8 +79,8 @@ __all__ = [  # noqa: RUF022
     "bend_between",
     "twist_between",
     "length_between",
-    "tip_frame",
     # Designs
+    "design_skin",
     "Case",
     "ShapePart",
     "CrossSections",

@@ -31,6 +31,7 @@ from toros_fem.making.as_printed.free_islands import polished
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.materials.library.files import named, read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
+from toros_fem.measures.between_regions import tip_frame
 from toros_fem.measures.gap import Body
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -489,7 +490,7 @@ DESIGNS: Table = {
     "bend along a huge number": lambda s: tf.bend_between(
         s.pattern, s.pattern.points, s.held.fixed[:, 0], along=10**400, toward=(1, 0, 0)
     ),
-    "frame along NaN": lambda s: tf.tip_frame(
+    "frame along NaN": lambda s: tip_frame(
         s.pattern, s.pattern.points, s.held.fixed[:, 0], along=(0, 0, NAN)
     ),
     "summary of nothing": lambda s: tf.read_summary(None),

@@ -31,9 +31,10 @@ INLINE = re.compile(r"`[^`\n]+`")
 KINDS = (COMMAND, BENCHMARK, TOROS)
 # Makes designs of pages short: what they find is of no use, that they run is.
 SHORTER = {
-    "edge_length=4e-3)  # m": "edge_length=9e-3)",
-    "filter_radius=6.2e-3": "filter_radius=14e-3",
-    "[tf.Stage(4), tf.Stage(2, constrained=True)]": "[tf.Stage(1), tf.Stage(1, constrained=True)]",
+    '3e-3, "output/mine", iterations=30, constrained_iterations=20': (
+        '6e-3, "output/mine", iterations=1, constrained_iterations=0, '
+        "polish_iterations=0, curve_pressure=None"
+    ),
     "(tf.Stage(4), tf.Stage(3, constrained=True))": "(tf.Stage(1), tf.Stage(1, constrained=True))",
     "(tf.Stage(2, constrained=True),)": "(tf.Stage(1, constrained=True),)",
     "seed=3).coarse()": "seed=3).coarse().updated(length=0.08, edge_length=4e-3)",

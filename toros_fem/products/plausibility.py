@@ -245,7 +245,7 @@ def target_doubts(case: Case) -> list[str]:
     """
     if not any(isinstance(part, ShapePart) for part in case.parts):
         return []
-    pattern, target = case.pattern, np.asarray(case.target)
+    pattern, target = case.pattern, np.asarray(case.goal)
     areas, bound = pattern.areas, (case.composite or Composite()).fabric_bounds[0]
     corners = target[pattern.triangles]
     largest, _ = singular_values(np.einsum("tki,tkj->tij", corners, gradients(pattern.corners)))

@@ -15,9 +15,10 @@ from toros_fem.base.versions import versions
 from toros_fem.measures.figures import Figure, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.results.report.notebook import EmbeddedPage, view_of
+from toros_fem.results.report.tables import as_text
 from toros_fem.results.runs.files import SUMMARY
 from toros_fem.results.runs.folder import require_open, run_of
-from toros_fem.results.runs.summary_file import figures_html
+from toros_fem.results.runs.summary_file import Summary, figures_html
 from toros_fem.results.runs.warnings import warnings_of
 
 
@@ -82,6 +83,11 @@ class RunResult(ABC):
     def __repr__(self) -> str:
         # Not its fields, which are all arrays of the run; nor its sentence, which ranks share.
         return f"{type(self).__name__}({'' if self.folder is None else repr(str(self.folder))})"
+
+    def __str__(self) -> str:
+        content = {**self.summary(), "warnings": list(self.notes)}
+        del content["figures"]
+        return as_text(Summary({figure.key: figure for figure in self.figures}, content))
 
     def _repr_html_(self) -> str:
         return figures_html(self.figures)

@@ -108,7 +108,7 @@ class Tilted(TubeScene):
 def test_other_targets() -> None:
     assert Tilted.of(seed=5).asked({"angle_deg": 36.0}) == Tilted.of(seed=5, angle=36.0)
     assert Tilted().asked({}) == Tilted()
-    assert Tilted.targets() == {"angle_deg": "angle", "share_percent": "share"}
+    assert Tilted().targets() == {"angle_deg": "angle", "share_percent": "share"}
     with pytest.raises(errors.ParameterError, match="angle = -1.0 deg"):
         Tilted().asked({"angle_deg": -1.0})
 

@@ -15,6 +15,7 @@ from toros_fem.base.errors import OutputError
 from toros_fem.design.loop import fields
 from toros_fem.design.loop.case import PRESSURE_WEIGHT, Case
 from toros_fem.design.loop.fields import densities_of
+from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.measures.figures import largest_part
@@ -97,6 +98,42 @@ def test_polishing_removes_islands(
     assert gone["iterations"] == left["iterations"] + 2
     assert gone["dropped"]["before"]["islands"] == 0
     assert gone["manufacture"]["islands"] == 0
+
+
+@pytest.mark.slow
+def test_a_print_that_misses_is_polished_from_each_pattern(
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A speck and a larger island: neither, one or both are removed. The best print is kept."""
+
+    def spotted(skin: Skin, seed: int) -> np.ndarray:
+        wall = skin.pattern.cells_of("wall")
+        u, v = skin.pattern.centroids.T
+        width = u[wall].max()
+        spot = np.hypot(u - 0.15 * width, v - 0.02) < 5e-3
+        spot |= np.hypot(u - 0.85 * width, v - 0.04) < 9e-3
+        return np.where((np.abs(u - width / 2) < 8e-3) | spot, 1.0, 0.0)[skin.owned_cells]
+
+    monkeypatch.setattr(fields, "random_density", spotted)
+    config = SHORT.updated(move_limit=0.01, polish_iterations=2, tolerance=1e-6)
+    polishes = list[float]()
+
+    def counted(*args: Any, **named: Any) -> Any:
+        found = optimize(*args, **named)
+        polishes.append(found.final.objective)
+        return found
+
+    monkeypatch.setattr("toros_fem.products.actuators.densities.optimize", counted)
+    made = config.run_design(alone, tmp_path)
+    assert len(polishes) == 3
+    assert len(set(polishes)) == 3
+    assert largest_part(made.figures) > 1
+    assert made.design.final.objective in polishes
+    iterations = made.design.history[-1].iteration
+    names = {path.name.split("-")[0] for path in (tmp_path / FOLDER).glob("*.npz")}
+    assert names == {"iteration", "print", "skin"}
+    frames = read_frames(tmp_path / FOLDER, "iteration")
+    assert [frame.number for frame in frames] == list(range(iterations + 1))
 
 
 def fails(*_: object, **__: object) -> None:

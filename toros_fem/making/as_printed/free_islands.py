@@ -36,17 +36,28 @@ def polished(
     """
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
     require_kind("printed", printed, PrintedDesign, "a PrintedDesign, by as_printed")
-    problem, near = result.problem, result.final.equilibrium
-    if not on_first_rank(problem.comm, lambda: len(printed.before.free_islands)):
+    if not on_first_rank(result.problem.comm, lambda: len(printed.before.free_islands)):
         return result
-    starts, objectives = without_free_islands(problem, result, printed), []
-    for density in starts:
+    start, *_ = patterns_without_islands(result, printed)
+    return optimize(
+        result.problem, options, start=start, callback=callback, after=result, journal=journal
+    )
+
+
+def patterns_without_islands(result: DesignResult, printed: PrintedDesign) -> list[Floats]:
+    """Return densities as of `without_free_islands`, that with the least objective first.
+
+    Those without an equilibrium are left out, unless none has one (collective).
+    """
+    problem, near = result.problem, result.final.equilibrium
+    patterns, objectives = without_free_islands(problem, result, printed), list[float]()
+    for density in patterns:
         objectives.append(np.inf)
         with suppress(NoEquilibriumError):  # raised by all ranks or by none
             found = problem.simulate(density, near.state, near.pressures, trial=True)
             objectives[-1] = found.objective
-    start = starts[int(np.argmin(objectives))]
-    return optimize(problem, options, start=start, callback=callback, after=result, journal=journal)
+    least_first = np.argsort(objectives, kind="stable")
+    return [patterns[k] for k in least_first if np.isfinite(objectives[k])] or [*patterns[:1]]
 
 
 def without_free_islands(

@@ -16,6 +16,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.making.sheets.layout import placing_fault
+from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.triangles import (
     expected_triangles,
     lowered_limit,
@@ -25,7 +26,7 @@ from toros_fem.meshes.triangles import (
 from toros_fem.products.plausibility import target_doubts
 
 if TYPE_CHECKING:  # a scene checks its cost before it is designed
-    from toros_fem.products.actuators.scene import ActuatorScene, Level
+    from toros_fem.products.actuators.scene import DesignScene, Level
 
 log = logging.getLogger(__name__)
 
@@ -75,7 +76,7 @@ class Cost:
         return self.ranks * OF_RANK + work * (1.2 if self.ranks > 1 else 1.0)
 
 
-def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, from_print: bool = False) -> Cost:
+def actuator_cost(comm: MPI.Comm, scene: DesignScene, *, from_print: bool = False) -> Cost:
     """Return the expected cost of a design (collective).
 
     `from_print` says whether the densities start from a given print.
@@ -98,11 +99,11 @@ def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, from_print: bool = Fa
         # Where lines are laid, it may judge another print before, and may take that one.
         lines = scene.design.start == "relaxed" and not from_print
         beside = 2 if lines and scene.design.corrections else 1
-    unknowns = round(_unknowns(scene, made) * finest)
+    unknowns = round(_unknowns(made) * finest)
     return Cost(finest, largest, unknowns, comm.size, beside, placing, doubtful)
 
 
-def expected_time(comm: MPI.Comm, scene: ActuatorScene, cost: Cost) -> tuple[float, float]:
+def expected_time(comm: MPI.Comm, scene: DesignScene, cost: Cost) -> tuple[float, float]:
     """Return the least and the largest likely time of a design in s (collective).
 
     A few steps on a coarse mesh tell how fast this machine is.
@@ -122,7 +123,7 @@ def expected_time(comm: MPI.Comm, scene: ActuatorScene, cost: Cost) -> tuple[flo
     return step * fewest, step * most * scene.design.seeds
 
 
-def probe_level(scene: ActuatorScene) -> Level:
+def probe_level(scene: DesignScene) -> Level:
     """Return a mesh that is coarse enough for a probe: the design's own where that is, or given."""
     edge, longest = scene.edge_length, scene.coarsest_edge
     if edge is None or longest is None:
@@ -130,7 +131,7 @@ def probe_level(scene: ActuatorScene) -> Level:
     return scene.finest_level.scaled(max(1.0, longest / PROBE_FINER / edge))
 
 
-def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> tuple[float, Case | None]:
+def sized(comm: MPI.Comm, scene: DesignScene, level: Level) -> tuple[float, Case | None]:
     """Return the area of a skin in m², and its case on a level (collective).
 
     The case is None where even this mesh has too many triangles for a quick look. No mesh of the
@@ -155,7 +156,7 @@ def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> tuple[float, Ca
     return area, made
 
 
-def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> Case | None:
+def require_affordable_meshes(comm: MPI.Comm, scene: DesignScene) -> Case | None:
     """Check all meshes of a design by the coarsest one, and return its case (collective).
 
     The case is None where even this mesh has too many triangles for a quick look.
@@ -171,27 +172,27 @@ def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> Case | No
     return made
 
 
-def finest_triangles(scene: ActuatorScene, area: float, made: Case | None) -> int:
+def finest_triangles(scene: DesignScene, area: float, made: Case | None) -> int:
     """Return the triangles of the finest mesh, from what `sized` has found."""
     if edges := scene.edges:
         return round(expected_triangles(area, min(edges.values())))
     return 0 if made is None else round(len(made.pattern.panel) * 4.0 ** (scene.level_count - 1))
 
 
-def _largest_triangles(scene: ActuatorScene, finest: int) -> int:
+def _largest_triangles(scene: DesignScene, finest: int) -> int:
     """Return the triangles of the finer mesh of the check, or those of the finest without one."""
     checked = scene.checked(scene.finest_level)
     return finest if checked is None else round(finest / checked[0] ** 2)
 
 
-def _unknowns(scene: ActuatorScene, made: Case | None) -> float:
+def _unknowns(made: Case | None) -> float:
     """Return coordinates of vertices and, for "midedge", rotations of edges for each triangle."""
     # A closed surface has half as many vertices as triangles, and three edges for two of them.
-    points, edges = 0.5, 1.5
-    if made is not None:
-        of, count = made.pattern, len(made.pattern.panel)
-        points, edges = len(of.points) / count, len(of.edges.ends) / count
-    return 3 * points + (edges if scene.material.bending == "midedge" else 0.0)
+    if made is None:
+        return 3 * 0.5 + 1.5
+    of, bending = made.pattern, (made.composite or Composite()).bending
+    turned = bending is not None and bending.curvature == "midedge"
+    return (3 * len(of.points) + turned * len(of.edges.ends)) / len(of.panel)
 
 
 def _weight(triangles: float) -> float:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.levels import optimize_levels
-from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
-from toros_fem.making.as_printed.free_islands import polished
+from toros_fem.making.as_printed.free_islands import patterns_without_islands
 from toros_fem.products.actuators.corrections import corrected
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.trim import worst_of_print
@@ -21,6 +22,8 @@ from toros_fem.results.reporter import DesignReporter
 
 # A print whose worst figure is off by so many tolerances is not tried without its islands.
 FAR = 10.0
+# Designs again from another pattern without islands (collective).
+Polish = Callable[[], DesignResult]
 # How far another seed is from the one that was given.
 ANOTHER_SEED = 1000
 
@@ -41,17 +44,21 @@ class DensityDesigner(Job):
         options: Sequence[DesignOptions],
         after: CarriedDesign | None = None,
         seed: int | None = None,
-    ) -> tuple[DesignResult, PrintedDesign]:
+    ) -> tuple[tuple[DesignResult, PrintedDesign], list[Polish]]:
         """Run a level for each of the options, after a design of another mesh if there is one.
 
-        Each has a polishing stage if its print has free islands. None takes the scene's seed.
+        Each has a polishing stage if its print has free islands, from the best pattern without
+        them. Functions that polish the last level from other ones are returned too. None takes the
+        scene's seed.
         """
         rules_of = dict(enumerate(options, 0 if after is None else after.level))
         steps = sum(level.iterations for level in options)
         printed: PrintedDesign | None = None
+        others: list[Polish] = []
 
         def finished(result: DesignResult) -> DesignResult:
             nonlocal steps, printed
+            others.clear()
             printed = made = self.print_of(result)
             polishing = self.scene.design.polish_iterations
             if not polishing or not on_first_rank(self.comm, lambda: len(made.before.free_islands)):
@@ -60,8 +67,14 @@ class DensityDesigner(Job):
             last = replace(rules.stages[-1], iterations=polishing)
             steps += last.iterations
             self.reporter.expect(steps)
-            last_rules, journal = replace(rules, stages=(last,)), self.branch("polish")
-            result = polished(result, made, last_rules, callback=self.reporter, journal=journal)
+            rules = replace(rules, stages=(last,))
+            polish = partial(optimize, result.problem, rules, callback=self.reporter, after=result)
+            best, *rest = patterns_without_islands(result, made)
+            others.extend(
+                partial(polish, start=start, journal=self.branch(f"polish-{number}"))
+                for number, start in enumerate(rest, 2)
+            )
+            result = polish(start=best, journal=self.branch("polish"))
             printed = self.print_of(result)
             return result
 
@@ -76,7 +89,7 @@ class DensityDesigner(Job):
             journal=self.journal,
         )
         assert printed is not None
-        return result, printed
+        return (result, printed), others
 
     def worst(self, printed: PrintedDesign) -> float:
         """Return the largest miss of a figure over its tolerance, as of `worst_of_print`."""

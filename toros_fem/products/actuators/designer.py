@@ -31,6 +31,7 @@ from toros_fem.meshes.pattern_file import NAME as PATTERN
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.densities import (
     DensityDesigner,
+    Polish,
     other_ways,
     problem_of,
 )
@@ -42,6 +43,7 @@ from toros_fem.products.actuators.estimates import (
     metric_errors,
     values_at,
 )
+from toros_fem.products.actuators.job import is_held
 from toros_fem.products.actuators.other_mesh import Again, simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Searched
@@ -155,9 +157,9 @@ class Designer(DensityDesigner):
                 yield self.problem(scene.case(comm, level), level)
 
         with self.reporter:
-            made = self.over_levels(problems(), options, after)
+            made, others = self.over_levels(problems(), options, after)
             lost = after is None and self.lost(*made)
-            result, printed, rounds = self.corrected(*made)
+            result, printed, rounds = self._polished_otherwise(self.corrected(*made), others)
             # A print that corrections bring home needs no other way.
             if lost and self.worst(printed) > 1:
                 made, search = self._tried_otherwise(problems, options, (result, printed), search)
@@ -168,6 +170,30 @@ class Designer(DensityDesigner):
             search = replace(search, start="pattern")
         search = replace(search, rounds=rounds)
         return self._found(result, printed, search)
+
+    def _polished_otherwise(
+        self, made: tuple[DesignResult, PrintedDesign, int], others: Sequence[Polish]
+    ) -> tuple[DesignResult, PrintedDesign, int]:
+        """Polish from other patterns without islands while the print misses; return the best.
+
+        Results come with their print and the number of its corrections.
+        """
+        place = first = self.reporter.attempt
+        for number, polish in enumerate(others, 2):
+            if (least := self.worst(made[1])) <= 1:
+                break
+            attempt = self.reporter.begin()
+            try:
+                result = polish()
+            except NoEquilibriumError:  # of its start; raised by all ranks or by none
+                continue
+            other = self.corrected(result, self.print_of(result), branch=f"correction-{number}")
+            if self.worst(other[1]) < least:
+                made, place = other, attempt
+            del other, result
+            free_dropped(self.comm)
+        self.reporter.keep(place, made[0].history[-1].iteration, first)
+        return made
 
     def _tried_otherwise(
         self,
@@ -187,7 +213,7 @@ class Designer(DensityDesigner):
             found = replace(found, tried=(*found.tried, name))
             attempt = self.reporter.begin()
             try:
-                other = way.over_levels(problems(), rules, seed=seed)
+                other, _ = way.over_levels(problems(), rules, seed=seed)
             except NoEquilibriumError:  # of its start; raised by all ranks or by none
                 continue
             kept = not self.lost(*other)
@@ -370,7 +396,7 @@ class Designer(DensityDesigner):
 
         With it comes the print on that mesh. None if that is the pressure that it has.
         """
-        if self.scene.pressure.hold_pressure:
+        if is_held(found.printed):
             return None
         fine = replace(found.printed, evaluation=there)
         tolerances, designed = found.tolerances, self._designed_pressures(found)

@@ -34,7 +34,7 @@ from toros_fem.products.actuators.other_mesh import (
 from toros_fem.results.shape_miss import quantities_of, shape_of
 
 if TYPE_CHECKING:
-    from toros_fem.products.actuators.scene import ActuatorScene, Level
+    from toros_fem.products.actuators.scene import DesignScene, Level
 
 log = logging.getLogger(__name__)
 
@@ -231,7 +231,7 @@ def _intervals(
 
 def trial_intervals(
     comm: MPI.Comm,
-    scene: ActuatorScene,
+    scene: DesignScene,
     figures: Sequence[Figure],
     other: OnOtherMesh | None,
     own: Mapping[str, float] | None = None,

@@ -15,7 +15,7 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.products.actuators.trim import trimmed
 
 if TYPE_CHECKING:  # a scene is designed by what imports this
-    from toros_fem.products.actuators.scene import ActuatorScene, Level
+    from toros_fem.products.actuators.scene import DesignScene, Level
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Job:
     """
 
     comm: MPI.Comm
-    scene: ActuatorScene
+    scene: DesignScene
     reporter: Callback | None = None
     journal: Journal | None = None
     verbose: bool = False
@@ -40,10 +40,16 @@ class Job:
 
     def trimmed(self, printed: PrintedDesign) -> PrintedDesign:
         """Return a print at the pressure that suits it best, or at the one that is held."""
-        if self.scene.pressure.hold_pressure:
+        if is_held(printed):
             return printed
         return trimmed(printed, tolerances=self.scene.results.tolerances)
 
     def problem(self, case: Case, level: Level) -> ShapeDesign:
         """Return the design problem of a case on the mesh of a level (collective)."""
         return self.scene.problem(self.comm, case, level, verbose=self.verbose)
+
+
+def is_held(printed: PrintedDesign) -> bool:
+    """Return whether the pressure of a print is given, and not designed."""
+    made = printed.evaluation
+    return made is not None and not any(made.problem.physics.pressure_ranges)

@@ -23,7 +23,7 @@ from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.products.actuators.job import Job
 
 if TYPE_CHECKING:
-    from toros_fem.products.actuators.scene import ActuatorScene, Level
+    from toros_fem.products.actuators.scene import DesignScene, Level
 
 # Number of coarser meshes that a print is simulated on, where there are so many.
 COARSER_MESHES = 2
@@ -79,7 +79,7 @@ def simulated_again(
     return problem.simulate_binary(plain, start=start, pressure=again.pressures)
 
 
-def coarser_levels(scene: ActuatorScene, level: Level) -> dict[float, Level]:
+def coarser_levels(scene: DesignScene, level: Level) -> dict[float, Level]:
     """Return coarser meshes, by their edge length over that of a level.
 
     Raises:

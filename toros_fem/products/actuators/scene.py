@@ -31,7 +31,6 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import Cost, actuator_cost
 from toros_fem.products.actuators.designer import Designer
 from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
-from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.result import ActuatorResult, Tried
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
 from toros_fem.products.plausibility import Group, Inflated, with_lengths
@@ -86,8 +85,8 @@ class Level:
         )
 
 
-class MeshedScene(Scene):
-    """Tables of a skin that is designed, its meshes, and the options of the design on each.
+class DesignScene(Scene):
+    """A skin that is designed for a shape: its meshes, the options on each, its trial.
 
     Raises:
         ParameterError: There are so many levels that the coarsest mesh is too coarse; or with a
@@ -95,12 +94,16 @@ class MeshedScene(Scene):
             or a tolerance of widths without densities.
     """
 
-    material: SkinSheets = SkinSheets()
-    pressure: Pressing = Pressing()
     design: Designing = Designing()
     lines: Lines = Lines()
     print: Printer = Printer()
     results: Results = Results()
+
+    DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
+    # Measured values of the metrics, which are drawn beside the curves.
+    MEASURED: ClassVar[tuple[Measurement, ...]] = ()
+    # Edge length of the mesh on which a trial is repeated, over that of the print's mesh.
+    TRIAL_MESH: ClassVar[float] = COARSER
 
     def __post_init__(self) -> None:
         most = self._most_levels
@@ -272,39 +275,15 @@ class MeshedScene(Scene):
             spread=self.lines.spread,
         )
 
-
-class ActuatorScene(MeshedScene):
-    """A skin that is designed for a shape: its targets, its trial, and what commands run."""
-
-    DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
-    SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
-    START_STRAIN: ClassVar[float] = START_STRAIN
-    # Measured values of the metrics, which are drawn beside the curves.
-    MEASURED: ClassVar[tuple[Measurement, ...]] = ()
-    # Edge length of the mesh on which a trial is repeated, over that of the print's mesh.
-    TRIAL_MESH: ClassVar[float] = COARSER
-
-    def coarse(self) -> Self:
-        """Return the quick variant: a mesh less, or one with longer edges that are still useful."""
-        values, bound, edge = self.coarse_values(), self.coarsest_edge, self.edge_length
-        if self.design.levels is not None:
-            values["levels"] = max(1, self.design.levels - 1)
-        if bound is not None and edge is not None:
-            most = max(1.0, bound / edge)
-            for key in self.COARSE.keys() & {"edge_length", "filter_radius"}:
-                values[key] = round(self.value(key) * min(most, self.COARSE[key]), 9)
-        return self.updated(**values)
-
     def final(self) -> Self:
         """Return the variant to trust: a finer mesh tells the figures, and of seeds the best."""
         checked = self.results.check_refinement or COARSER
         most = max(SEEDS, self.design.seeds)
         return self.updated(check_refinement=checked, estimate_error=True, seeds=most)
 
-    @classmethod
-    def targets(cls) -> Mapping[str, str]:
+    def targets(self) -> Mapping[str, str]:
         """Return the key that holds the target of a metric, by the metric's key."""
-        return {one.metric_key: name for name, one in cls.described().items() if one.metric_key}
+        return {one.metric_key: name for name, one in self.described().items() if one.metric_key}
 
     def asked(self, targets: Mapping[str, float]) -> Self:
         """Return the scene of other targets of some metrics, by the keys of these.
@@ -314,69 +293,6 @@ class ActuatorScene(MeshedScene):
         """
         keys = self.targets()
         return self.updated(**{keys[metric]: value for metric, value in targets.items()})
-
-    @property
-    def radius(self) -> float | None:
-        """Radius in m of the inflated skin where it is thinnest; None if it is not known."""
-        return None
-
-    @property
-    def inflated(self) -> Inflated | None:
-        """The skin under its largest pressure; None if its radius is not known."""
-        if self.radius is None:
-            return None
-        return Inflated(self.material.composite, self.pressure.pressure, self.radius)
-
-    @property
-    def needed_strain(self) -> float | None:
-        """Largest strain of the fabric that the target needs; None if it is not known."""
-        return None
-
-    @property
-    def pressures(self) -> tuple[float, tuple[float, float] | None]:
-        """Pressure in Pa that a design starts from, and its bounds; None where it is held.
-
-        At both the bare skin has more strain than the target needs: a pattern of thin lines that
-        just holds the fabric at the least pressure would be lost once lines must be printable.
-        """
-        most, radius, strain = self.pressure.pressure, self.radius, self.needed_strain
-        if self.pressure.hold_pressure or most == 0:
-            return most, None
-        if radius is None or not strain:
-            return most, (LEAST_PRESSURE * most, most)
-        sheet = self.material.composite
-        begin = max(START_STRAIN, min(self.START_STRAIN, MOST_START_STRAIN / strain))
-        start, least = (
-            tube_pressure(sheet, radius, factor * strain) for factor in (begin, LEAST_STRAIN)
-        )
-        return min(most, start), (min(ROOM * most, least), most)
-
-    def groups(self) -> Iterator[Group]:
-        """Yield the dimensionless groups of the scene that are known."""
-        skin = self.inflated
-        return iter(()) if skin is None else with_lengths(self, skin.girth, self.groups_of(skin))
-
-    def groups_of(self, skin: Inflated) -> Iterator[Group]:
-        """Yield the dimensionless groups of the scene, and of the target that a skin is to take."""
-        design, curve = self.design, self.results.curve_pressure
-        yield from skin.groups()
-        if curve is not None:
-            yield skin.load("curve_pressure", curve)
-        for key, edge in self.edges.items():
-            if key != "relaxed_edge_length":  # lines are laid on a finer mesh
-                yield Group("edges", key, skin.girth / edge)
-        for key in LAYERS:
-            if key in self.described() and (thickness := self.value(key)) is not None:
-                yield Group("thickness", key, thickness / skin.radius)
-        widths: dict[str, float | None] = {"print_width": self.print.print_width}
-        if design.constrained_iterations:
-            widths |= {"line_width": design.line_width, "gap_width": design.gap_width}
-        if design.start == "relaxed":
-            widths["laid_width"] = max(self.laid_widths)
-        elif self.edge_length is not None:
-            widths["filter_radius"] = radius = self.finest_level.regularisation.filter_radius
-            yield Group("filter", "filter_radius", radius / self.edge_length)
-        yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
 
     def run_design(
         self,
@@ -451,6 +367,127 @@ class ActuatorScene(MeshedScene):
         """Return the figures of `trial` of a print that was simulated (collective)."""
         return ()
 
+    def expected_cost(self, comm: MPI.Comm, *, from_print: bool = False) -> Cost:
+        """Return the cost of a design with its files, by `actuator_cost` (collective)."""
+        return actuator_cost(comm, self, from_print=from_print)
+
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return skin, loads and target on the mesh of a level (collective).
+
+        Raises:
+            TorosError: Numbers do not fit each other.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no case.")
+
+    def require_possible(self, pattern: Pattern) -> None:
+        """Check numbers of the design on a skin that do not need its own mesh.
+
+        Raises:
+            ParameterError: A radius, a width or an area does not fit the skin or each other.
+        """
+        require_island_area(pattern, self.print.island_area)
+        levels = self.levels
+        if self.design.start == "relaxed":
+            levels = (self.density_level,) if self.lines.density_iterations else ()
+        for level in levels:
+            level.regularisation.require_possible(pattern.size)
+
+    def problem(
+        self, comm: MPI.Comm, case: Case, level: Level, *, verbose: bool = False
+    ) -> ShapeDesign:
+        """Return the design problem of a case on the mesh of a level (collective).
+
+        Raises:
+            TorosError: A number is out of its bounds, or does not fit the case.
+        """
+        require_island_area(case.pattern, self.print.island_area)
+        log = print_step(comm) if verbose else None
+        return ShapeDesign(comm, case, level.regularisation, log=log)
+
+
+class ActuatorScene(DesignScene):
+    """A kind of scenes: a skin of sheets under a pressure, its size and its quick variant."""
+
+    material: SkinSheets = SkinSheets()
+    pressure: Pressing = Pressing()
+
+    SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
+    START_STRAIN: ClassVar[float] = START_STRAIN
+
+    def coarse(self) -> Self:
+        """Return the quick variant: a mesh less, or one with longer edges that are still useful."""
+        values, bound, edge = self.coarse_values(), self.coarsest_edge, self.edge_length
+        if self.design.levels is not None:
+            values["levels"] = max(1, self.design.levels - 1)
+        if bound is not None and edge is not None:
+            most = max(1.0, bound / edge)
+            for key in self.COARSE.keys() & {"edge_length", "filter_radius"}:
+                values[key] = round(self.value(key) * min(most, self.COARSE[key]), 9)
+        return self.updated(**values)
+
+    @property
+    def radius(self) -> float | None:
+        """Radius in m of the inflated skin where it is thinnest; None if it is not known."""
+        return None
+
+    @property
+    def inflated(self) -> Inflated | None:
+        """The skin under its largest pressure; None if its radius is not known."""
+        if self.radius is None:
+            return None
+        return Inflated(self.material.composite, self.pressure.pressure, self.radius)
+
+    @property
+    def needed_strain(self) -> float | None:
+        """Largest strain of the fabric that the target needs; None if it is not known."""
+        return None
+
+    @property
+    def pressures(self) -> tuple[float, tuple[float, float] | None]:
+        """Pressure in Pa that a design starts from, and its bounds; None where it is held.
+
+        At both the bare skin has more strain than the target needs: a pattern of thin lines that
+        just holds the fabric at the least pressure would be lost once lines must be printable.
+        """
+        most, radius, strain = self.pressure.pressure, self.radius, self.needed_strain
+        if self.pressure.hold_pressure or most == 0:
+            return most, None
+        if radius is None or not strain:
+            return most, (LEAST_PRESSURE * most, most)
+        sheet = self.material.composite
+        begin = max(START_STRAIN, min(self.START_STRAIN, MOST_START_STRAIN / strain))
+        start, least = (
+            tube_pressure(sheet, radius, factor * strain) for factor in (begin, LEAST_STRAIN)
+        )
+        return min(most, start), (min(ROOM * most, least), most)
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene that are known."""
+        skin = self.inflated
+        return iter(()) if skin is None else with_lengths(self, skin.girth, self.groups_of(skin))
+
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene, and of the target that a skin is to take."""
+        design, curve = self.design, self.results.curve_pressure
+        yield from skin.groups()
+        if curve is not None:
+            yield skin.load("curve_pressure", curve)
+        for key, edge in self.edges.items():
+            if key != "relaxed_edge_length":  # lines are laid on a finer mesh
+                yield Group("edges", key, skin.girth / edge)
+        for key in LAYERS:
+            if key in self.described() and (thickness := self.value(key)) is not None:
+                yield Group("thickness", key, thickness / skin.radius)
+        widths: dict[str, float | None] = {"print_width": self.print.print_width}
+        if design.constrained_iterations:
+            widths |= {"line_width": design.line_width, "gap_width": design.gap_width}
+        if design.start == "relaxed":
+            widths["laid_width"] = max(self.laid_widths)
+        elif self.edge_length is not None:
+            widths["filter_radius"] = radius = self.finest_level.regularisation.filter_radius
+            yield Group("filter", "filter_radius", radius / self.edge_length)
+        yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
+
     def run_simulation(
         self,
         comm: MPI.Comm,
@@ -481,20 +518,7 @@ class ActuatorScene(MeshedScene):
         """
         given = files or {}
         scene = self.of_first_rank(comm).with_files(comm, given)
-        job = Job(comm, scene, verbose=verbose)
-        return simulate_actuator(job, output, given.get("pattern"))
-
-    def expected_cost(self, comm: MPI.Comm, *, from_print: bool = False) -> Cost:
-        """Return the cost of a design with its files, by `actuator_cost` (collective)."""
-        return actuator_cost(comm, self, from_print=from_print)
-
-    def case(self, comm: MPI.Comm, level: Level) -> Case:
-        """Return skin, loads and target on the mesh of a level (collective).
-
-        Raises:
-            TorosError: Numbers do not fit each other.
-        """
-        raise NotImplementedError(f"{type(self).__name__} has no case.")
+        return simulate_actuator(comm, scene, output, given.get("pattern"), verbose=verbose)
 
     def loaded(
         self,
@@ -519,28 +543,3 @@ class ActuatorScene(MeshedScene):
             composite=self.material.composite,
             symmetry=planes,
         )
-
-    def require_possible(self, pattern: Pattern) -> None:
-        """Check numbers of the design on a skin that do not need its own mesh.
-
-        Raises:
-            ParameterError: A radius, a width or an area does not fit the skin or each other.
-        """
-        require_island_area(pattern, self.print.island_area)
-        levels = self.levels
-        if self.design.start == "relaxed":
-            levels = (self.density_level,) if self.lines.density_iterations else ()
-        for level in levels:
-            level.regularisation.require_possible(pattern.size)
-
-    def problem(
-        self, comm: MPI.Comm, case: Case, level: Level, *, verbose: bool = False
-    ) -> ShapeDesign:
-        """Return the design problem of a case on the mesh of a level (collective).
-
-        Raises:
-            TorosError: A number is out of its bounds, or does not fit the case.
-        """
-        require_island_area(case.pattern, self.print.island_area)
-        log = print_step(comm) if verbose else None
-        return ShapeDesign(comm, case, level.regularisation, log=log)

@@ -83,14 +83,18 @@ class SimulationResult(PathResult):
 
 
 def simulate_actuator(
-    job: Job, output: Path | str, pattern: Path | str | None = None
+    comm: MPI.Comm,
+    scene: ActuatorScene,
+    output: Path | str,
+    pattern: Path | str | None = None,
+    *,
+    verbose: bool = False,
 ) -> SimulationResult:
     """Inflate an actuator without designing it, and write curve, fields and pictures (collective).
 
     `ActuatorScene.run_simulation` tells what it takes.
     """
     begin = time.perf_counter()
-    comm, scene = job.comm, job.scene
     if not scene.pressure.pressure > 0:
         raise ParameterError(
             f"pressure = {scene.pressure.pressure} Pa must be above 0 to simulate with it."
@@ -99,7 +103,7 @@ def simulate_actuator(
     if pattern is not None and not scene.pressure.hold_pressure:
         _tell_pressure(comm, scene.pressure.pressure, Path(pattern))
     skin = sew(comm, made.pattern)
-    log = print_step(comm) if job.verbose else None
+    log = print_step(comm) if verbose else None
     assert made.composite is not None
     solver = EquilibriumSolver(
         skin,
@@ -140,6 +144,7 @@ def simulate_actuator(
         errors = MetricErrors(failure="a file of triangles has no polygons to print anew.")
         if pattern is None or regions is not None:
             again = Again((made.pattern, points[-1].positions), regions, last.pressures)
+            job = Job(comm, scene)
             errors = metric_errors(job, level, measures, again, made.whole.pattern)
         found = replace(found, errors=errors, intervals=errors.intervals, told=errors.told)
     write_summary(comm, output, found)

@@ -88,13 +88,14 @@ def forget_from(folder: Path, series: str, number: int) -> None:
 
 
 def rename(folder: Path, series: str, name: str) -> None:
-    """Give the frames of a series the name of another, whose own are deleted (one rank).
+    """Give the frames of a series the name of another (one rank).
 
-    Nothing is done where there are none: a resumed run may have done it.
+    Those that the other has from the first of these numbers on are deleted. Nothing is done where
+    there are none: a resumed run may have done it.
     """
     if not (there := numbers(folder, series)):
         return
-    forget_from(folder, name, 0)
+    forget_from(folder, name, there[0])
     for number in there:
         path = folder / f"{series}-{number:06d}.npz"
         replace_file(folder / f"{name}-{number:06d}.npz", path.read_bytes())
