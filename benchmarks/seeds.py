@@ -182,8 +182,8 @@ def product_rows(title: str, seed: int, changes: Mapping[str, Any]) -> Iterator[
         return
     told = [figure for figure in found.figures if figure.state is not None]
     yield from figure_rows(place, told, round(seconds, 1))
-    tried = tuple(found.search.tried) if hasattr(found, "search") else ()
-    state = State.MISSED if tried or largest_part(told) > 1 else overall(told)
+    other = hasattr(found, "search") and found.search.seed != seed
+    state = State.MISSED if other or largest_part(told) > 1 else overall(told)
     yield Row(*place, "worst", largest_part(told), seconds=round(seconds, 1), note=str(state))
 
 
