@@ -1,34 +1,28 @@
-"""Panels, seams and the sewn skin; ready-made patterns; target shapes."""
+"""Panels, seams and the sewn skin; ready-made patterns; target shapes.
 
-from toros_fem.meshes.bordered import bordered
-from toros_fem.meshes.makers.planar import rounded
-from toros_fem.meshes.makers.sheets import cylinder, disc, moulded, rectangle
-from toros_fem.meshes.makers.tile import SYMMETRIES, Repeated, Tile, tile
-from toros_fem.meshes.makers.two_panels import (
-    GRIPPER,
-    WALKER,
-    Star,
-    finger,
-    gripper,
-    plane_centroids,
-    two_panels,
-    walker,
-)
-from toros_fem.meshes.mirror import Mirrored, mirrored
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.pattern_file import read_pattern, write_pattern
-from toros_fem.meshes.skin import Skin, sew
-from toros_fem.meshes.surfaces.files import from_mesh, read_surface
-from toros_fem.meshes.surfaces.remeshed import Remeshed, remeshed
-from toros_fem.meshes.surfaces.surface import Surface
-from toros_fem.meshes.surfaces.unwrap import Unwrapped, unwrap
-from toros_fem.meshes.targets import Deformer, bend, compose, contract, curl, stand, twist
-from toros_fem.meshes.triangles import triangle_limit
+The public names are those of `meshes.public`. The first one loads them all, so that who imports
+one module alone, as the solver does, loads no makers of meshes and no readers of surfaces.
+"""
 
-__all__ = [
-    "GRIPPER", "SYMMETRIES", "WALKER", "Deformer", "Mirrored", "Pattern", "Remeshed", "Repeated",
-    "Skin", "Star", "Surface", "Tile", "Unwrapped", "bend", "bordered", "compose", "contract",
-    "curl", "cylinder", "disc", "finger", "from_mesh", "gripper", "mirrored", "moulded",
-    "plane_centroids", "read_pattern", "read_surface", "rectangle", "remeshed", "rounded", "sew",
-    "stand", "tile", "triangle_limit", "twist", "two_panels", "unwrap", "walker", "write_pattern",
-]  # fmt: skip
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from toros_fem.meshes.public import *  # noqa: F403
+    from toros_fem.meshes.public import __all__ as __all__
+else:  # hidden from type checkers, to which every name would be known otherwise
+
+    def __getattr__(name: str) -> Any:
+        """Return a public name, loaded at the first call."""
+        if name == "__all__" or not name.startswith("__"):
+            public = importlib.import_module("toros_fem.meshes.public")
+            globals().update({one: getattr(public, one) for one in ("__all__", *public.__all__)})
+            if name in globals():
+                return globals()[name]
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        """Return the public names and what is loaded."""
+        return sorted({*globals(), *__getattr__("__all__")})

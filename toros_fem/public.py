@@ -30,9 +30,9 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import limit_points
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp, clamp_where, pin, symmetry_plane
+from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.corrections import corrected
 from toros_fem.products.actuators.design_skin import design_skin

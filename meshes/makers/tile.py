@@ -18,7 +18,7 @@ from toros_fem.base.validation import (
     require_count,
     require_positive,
 )
-from toros_fem.meshes.bordered import bordered
+from toros_fem.meshes.border_mesh import bordered
 from toros_fem.meshes.makers.flat import grid, polygon_mesh
 from toros_fem.meshes.makers.planar import without_bridges
 from toros_fem.meshes.makers.sheets import one_panel

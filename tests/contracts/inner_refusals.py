@@ -71,7 +71,7 @@ from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Planes, Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
-from toros_fem.meshes.bordered import bordered
+from toros_fem.meshes.border_mesh import bordered
 from toros_fem.meshes.transfer import make_transfer
 
 ALONE = MPI.COMM_SELF

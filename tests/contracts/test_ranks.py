@@ -28,9 +28,10 @@ from toros_fem.materials.sheet import Bending, Bladder, Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import Weight, spread_force
+from toros_fem.mechanics.skin.dead_loads import spread_force
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import build_in, clamp, displace
+from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.meshes import Pattern, Skin, bend, cylinder, rectangle, sew
 
 Found = dict[str, Any]

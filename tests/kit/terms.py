@@ -15,11 +15,11 @@ from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
+from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.meshes import Pattern, Skin, cylinder, sew, tile
 from toros_fem.meshes.pattern import Panel
 

@@ -7,7 +7,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.meshes import Pattern, cylinder
-from toros_fem.meshes.bordered import bordered
+from toros_fem.meshes.border_mesh import bordered
 from toros_fem.meshes.moving import border_motion, with_flat_points
 
 SIZE = 0.02

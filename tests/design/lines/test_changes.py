@@ -26,7 +26,7 @@ from toros_fem.design.lines.laid_lines import (
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.line_mesh import LineMesh, coordinates
 from toros_fem.meshes import cylinder
-from toros_fem.meshes.bordered import bordered
+from toros_fem.meshes.border_mesh import bordered
 from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.moving import border_motion
 

@@ -21,9 +21,9 @@ from toros_fem.mechanics.paths import arc_length
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint, limit_points
-from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.meshes import Skin, sew
 from toros_fem.meshes.pattern import Panel, Pattern
 

@@ -9,8 +9,9 @@ from toros_fem import errors
 from toros_fem.base.mpi import total
 from toros_fem.design.density.field import random_density
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.dead_loads import Weight, point_force, spread_force
+from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
 from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.meshes import Skin
 
 HEAVY = Weight(fabric=0.2, reinforcement=2.0, gravity=(9.0, 0.0, -3.0))

@@ -26,9 +26,10 @@ from toros_fem.measures.shape import (
 )
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import Weight, carried_force
+from toros_fem.mechanics.skin.dead_loads import carried_force
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes.bordered import bordered
+from toros_fem.mechanics.terms.loads import Weight
+from toros_fem.meshes.border_mesh import bordered
 from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin

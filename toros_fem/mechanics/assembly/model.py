@@ -21,7 +21,6 @@ from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.skin_contact import SkinContact
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.coefficients import cell_space
-from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import make_patch, positions
@@ -29,7 +28,7 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.mechanics.terms.images import Images
-from toros_fem.mechanics.terms.loads import DeadForce, OwnWeight, Pressure
+from toros_fem.mechanics.terms.loads import DeadForce, OwnWeight, Pressure, Weight
 from toros_fem.mechanics.terms.sheet import (
     Bend,
     Courses,

@@ -30,12 +30,12 @@ from toros_fem.mechanics.equilibrium.path import PathPoint, motion_to
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.equilibrium.ways import Search, residual_at, settle, sliding_at
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.triangles import harmonic_extension

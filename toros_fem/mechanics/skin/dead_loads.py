@@ -1,46 +1,21 @@
-"""Dead loads: the skin's own weight, and forces that keep their direction."""
+"""Dead forces on the vertices of a skin, which keep their direction."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import checked_floats, require_between, require_kind
+from toros_fem.base.validation import checked_floats, require_kind
 from toros_fem.meshes.moving import located
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.surfaces.nearest import nearest
 from toros_fem.meshes.transfer import OtherMesh
 
-GRAVITY = 9.81  # m/s²
 # Largest distance of the place of a force from the skin, as a fraction of the skin's size.
 ON_SKIN = 0.01
-
-
-@dataclass(frozen=True)
-class Weight:
-    """Weight of the skin itself, which changes with the design.
-
-    Attributes:
-        fabric, reinforcement: Mass per flat area in kg/m², ≥ 0, of the plain and of the reinforced
-            fabric; linear in ρ̄ between them, as the stiffness is.
-        gravity: Acceleration in m/s², (gx, gy, gz).
-    """
-
-    fabric: float
-    reinforcement: float
-    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
-
-    def __post_init__(self) -> None:
-        require_between(0.0, np.inf, fabric=self.fabric, reinforcement=self.reinforcement)
-        what = "a finite vector of three components, in m/s²"
-        gravity = checked_floats("gravity", self.gravity, what, (3,))
-        object.__setattr__(self, "gravity", (gravity[0], gravity[1], gravity[2]))
-        object.__setattr__(self, "fabric", float(self.fabric))  # forms take no integers
-        object.__setattr__(self, "reinforcement", float(self.reinforcement))
 
 
 def carried_force(other: OtherMesh, force: Floats) -> Floats:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toros_fem.meshes.makers.tile import Tile
+if TYPE_CHECKING:  # who makes a tile has imported it
+    from toros_fem.meshes.makers.tile import Tile
 
 # Components of F̄, rows n, t, z and columns n, t: a sheet that is pulled along n and free across.
 UNIAXIAL = ((True, False), (True, False), (True, True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, override
 
 import numpy as np
@@ -9,16 +10,41 @@ from dolfinx import fem, la
 
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.mpi import sum_over_ranks, total
+from toros_fem.base.validation import checked_floats, require_between
 from toros_fem.forms.jets import Jet, cross, dot
 from toros_fem.forms.kinematics import Triangle, flat_area, interpolate
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, find_lids, find_walls
 from toros_fem.mechanics.skin.coefficients import constants
-from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, positions
 from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.mechanics.terms.term import Compiled, PotentialTerm, Term
 from toros_fem.meshes.skin import Skin
+
+GRAVITY = 9.81  # m/s²
+
+
+@dataclass(frozen=True)
+class Weight:
+    """Weight of the skin itself, which changes with the design.
+
+    Attributes:
+        fabric, reinforcement: Mass per flat area in kg/m², ≥ 0, of the plain and of the reinforced
+            fabric; linear in ρ̄ between them, as the stiffness is.
+        gravity: Acceleration in m/s², (gx, gy, gz).
+    """
+
+    fabric: float
+    reinforcement: float
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
+
+    def __post_init__(self) -> None:
+        require_between(0.0, np.inf, fabric=self.fabric, reinforcement=self.reinforcement)
+        what = "a finite vector of three components, in m/s²"
+        gravity = checked_floats("gravity", self.gravity, what, (3,))
+        object.__setattr__(self, "gravity", (gravity[0], gravity[1], gravity[2]))
+        object.__setattr__(self, "fabric", float(self.fabric))  # forms take no integers
+        object.__setattr__(self, "reinforcement", float(self.reinforcement))
 
 
 class OwnWeight(PotentialTerm):

@@ -24,9 +24,9 @@ from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
-from toros_fem.meshes import sew
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
+from toros_fem.meshes.skin import sew
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 from toros_fem.products.actuators.job import Job

@@ -33,9 +33,11 @@ from toros_fem.measures.shape import Nodes, Objective
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.holding import HoldingObjective
-from toros_fem.mechanics.skin.dead_loads import GRAVITY
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
-from toros_fem.meshes import Pattern, curl, finger, plane_centroids
+from toros_fem.mechanics.terms.loads import GRAVITY
+from toros_fem.meshes.makers.two_panels import finger, plane_centroids
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.targets import curl
 from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.actuators.result import ActuatorResult

@@ -28,9 +28,10 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_out, slip_under
 from toros_fem.mechanics.paths.trace_point import until_failure
-from toros_fem.mechanics.skin.dead_loads import GRAVITY
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes import Mirrored, sew
+from toros_fem.mechanics.terms.loads import GRAVITY
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.skin import sew
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.meshes.triangles import normals
 from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from toros_fem.base.keys import Place, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
-from toros_fem.meshes import bend
+from toros_fem.meshes.targets import bend
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated, bend_strain
 from toros_fem.products.tables.steps import Designing

@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.design.loop.case import Case
-from toros_fem.meshes import bend, compose, twist
+from toros_fem.meshes.targets import bend, compose, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.steps import Lines

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from toros_fem.base.keys import Table
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
-from toros_fem.meshes import contract
+from toros_fem.meshes.targets import contract
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import SectionWeights

@@ -20,7 +20,8 @@ from toros_fem.measures.metrics import Metric, shortening, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
-from toros_fem.meshes import mirrored, sew
+from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.skin import sew
 from toros_fem.meshes.triangles import expected_triangles, require_affordable
 from toros_fem.products.actuators.cost import Cost
 from toros_fem.products.plausibility import Group, Inflated, with_lengths

@@ -17,7 +17,7 @@ from toros_fem.base.keys import Flag, Positive, Table, key
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
-from toros_fem.meshes import compose, contract, twist
+from toros_fem.meshes.targets import compose, contract, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Pressing, SectionWeights

@@ -32,10 +32,13 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import until_failure
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.supports import symmetry_plane
-from toros_fem.meshes import Pattern, Star, plane_centroids, sew, stand, walker
+from toros_fem.mechanics.terms.loads import Weight
+from toros_fem.meshes.makers.two_panels import Star, plane_centroids, walker
 from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.skin import sew
+from toros_fem.meshes.targets import stand
 from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.actuators.result import ActuatorResult
