@@ -152,8 +152,7 @@ of, pulling = problem.case, replace(problem.case.contact, friction=FRICTION)
 solver = tf.EquilibriumSolver(
     problem.skin, composite, of.supports, contact=pulling, quadratic=of.quadratic
 )
-depths = limit * np.linspace(0.0, 1.0, 9) ** 2
-state = made.equilibrium
+depths, state = limit * np.linspace(0.0, 1.0, 9) ** 2, made.equilibrium
 pull = list(pull_out(solver, made.projected, state.pressure, depths, ALONG, state))
 grams = 1e3 * 2 * FINGERS / GRAVITY * largest_force(pull, limit)
 if comm.rank == 0:

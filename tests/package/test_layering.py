@@ -2,8 +2,10 @@
 
 import ast
 import importlib
+import os
 import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -58,9 +60,13 @@ def test_rooms_stand_on_few_floors() -> None:
     assert max(HOUSE.floors(below).values()) <= MOST_FLOORS
 
 
+# Files that hand names on; a folder with both loads them at the first call.
+FACES = ("__init__.py", "public.py")
+
+
 def test_neither_files_nor_folders_import_each_other() -> None:
     """Faces, which hand names on, are left out."""
-    modules = {HOUSE.module_of(path): path for path in SOURCES if path.name != "__init__.py"}
+    modules = {HOUSE.module_of(path): path for path in SOURCES if path.name not in FACES}
     files = {name: (ours(path) & set(modules)) - {name} for name, path in modules.items()}
     HOUSE.floors(files)
     folders: dict[str, set[str]] = {}
@@ -73,11 +79,30 @@ def test_neither_files_nor_folders_import_each_other() -> None:
 
 def test_faces_hand_names_on_and_do_nothing_else() -> None:
     for path in SOURCES:
-        if path.name == "__init__.py" and path.parent.name != "toros_fem":
+        loads_later = path.name == "__init__.py" and path.with_name("public.py").exists()
+        if path.name in FACES and not loads_later and path.parent.name != "toros_fem":
             body = ast.parse(path.read_text(encoding="utf-8")).body
             assert isinstance(body[0], ast.Expr), f"{path} says what it is for"
             kinds = {type(node) for node in body[1:]}
             assert kinds <= {ast.ImportFrom, ast.Assign}, path
+
+
+def test_an_equilibrium_loads_no_makers_of_meshes() -> None:
+    """The names of `meshes` are loaded when one is asked for."""
+    script = (
+        "import sys, toros_fem.mechanics.equilibrium.solver\n"
+        "print(*(n for n in sys.modules if n.startswith(('toros_fem.meshes.makers', 'gmsh'))))\n"
+        "from toros_fem.meshes import bordered, cylinder, tile\n"
+        "assert callable(bordered) and callable(tile)\n"
+        "import toros_fem.meshes as meshes\n"
+        "assert set(meshes.__all__) <= set(dir(meshes)) and not hasattr(meshes, 'nothing')\n"
+    )
+    own = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMI"))}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env={**own, "PYTHONPATH": str(ROOT)},
+        text=True, capture_output=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.strip() == ""
 
 
 def test_drawing_is_that_of_the_code() -> None:
