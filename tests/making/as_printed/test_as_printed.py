@@ -69,6 +69,9 @@ def test_printed_design(
 ) -> None:
     problem = full(short_tube, short_solver, beta=20.0)
     printed = as_printed(problem, result, PrintLimits(), island_area=math.inf)
+    for told in (result, printed, result.final.equilibrium):
+        assert type(told).__name__ in repr(told)
+        assert len(repr(told)) < 300, "no arrays"
     assert not printed.after.free_islands
     assert not printed.after.lines.narrow
     assert not printed.after.gaps.narrow

@@ -36,7 +36,7 @@ def test_a_target_misses_nothing_and_a_tip_that_leans_counts() -> None:
     case = case_of()
     misses = misses_of(case)
     assert misses.of_shape(case.goal) < 1e-9
-    assert misses.error(case.goal) < 0.1 * TOLERANCE  # angles of a coarse mesh
+    assert misses.of_metrics(case.goal) < 0.1 * TOLERANCE  # angles of a coarse mesh
     # The tip of a bend by 90° looks along x: about x it keeps its direction, and both angles.
     shape = turned(case.goal, "x", 10.0)
     assert misses.of_metrics(shape) < TOLERANCE
@@ -55,7 +55,7 @@ def test_a_whole_shape_is_judged_by_its_metrics_alone() -> None:
     assert misses.labels is None
     shape = misses.case.pattern.points
     assert misses.of_shape(shape) == 0
-    assert misses.error(shape) == pytest.approx(1.0, abs=0.02)  # nothing of the bend
+    assert misses.of_metrics(shape) == pytest.approx(1.0, abs=0.02)  # nothing of the bend
 
 
 def test_a_length_may_be_off_by_the_tolerance_that_the_verdict_has() -> None:

@@ -39,7 +39,7 @@ from toros_fem.design.mma.optimizer import Functions
 SETUP = "next levels"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DesignResult:
     """The result of the design loop.
 
@@ -71,6 +71,12 @@ class DesignResult:
     def pressures(self) -> tuple[float, ...]:
         """Final pressure of each chamber in Pa."""
         return self.final.equilibrium.pressures
+
+    def __repr__(self) -> str:
+        last = self.history[-1]
+        told = "".join(f"{key} {value:.4g}, " for key, value in last.metrics.items())
+        steps = f"T {last.objective:.4g} after {last.iteration} steps"
+        return f"DesignResult({told}{steps}: {self.reason})"
 
 
 Callback = Callable[[Iteration, Evaluation], None]

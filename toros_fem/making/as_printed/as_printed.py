@@ -49,7 +49,7 @@ Shape = tuple[Pattern, Floats]
 SMOOTHING = 0.5
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PrintedDesign:
     """The print of a design and its simulation; that of the whole skin where a part is designed.
 
@@ -94,6 +94,11 @@ class PrintedDesign:
     def regions(self) -> list[BaseGeometry]:
         """The print on each panel."""
         return self.cleaned.regions
+
+    def __repr__(self) -> str:
+        panels = sum(not region.is_empty for region in self.regions)
+        state = self.failure if self.evaluation is None else repr(self.evaluation.equilibrium)
+        return f"PrintedDesign(print on {panels} panels, {state})"
 
 
 def contour_values(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:

@@ -17,7 +17,7 @@ from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.skin.load import Load
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Equilibrium:
     """Result of a solve; later solves, tangents and reactions need nothing else.
 
@@ -90,6 +90,10 @@ class Equilibrium:
     def point(self) -> PathPoint:
         """Its design, load and state."""
         return PathPoint(self.density, self.load, self.state)
+
+    def __repr__(self) -> str:
+        pressures = ", ".join(f"{pressure:.4g} Pa" for pressure in self.pressures)
+        return f"Equilibrium({pressures}, {self.volume:.4g} m³, {self.steps} steps: {self.reason})"
 
     def numbers(self) -> dict[str, Any]:
         """Return all numbers that JSON can hold; `numbers_read` makes them fields again."""

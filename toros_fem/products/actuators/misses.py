@@ -70,10 +70,6 @@ class Misses:
             found += [off.ravel() / np.sqrt(len(off)), turned]
         return np.concatenate(found)
 
-    def error(self, positions: Floats) -> float:
-        """Return the largest miss of a metric, or of the shape, times `TOLERANCE`."""
-        return max(self.of_metrics(positions), self.of_shape(positions))
-
     def of_metrics(self, positions: Floats) -> float:
         """Return the largest miss of a metric, over its target, or its scale if that is more."""
         return TOLERANCE * float(np.abs(self._of_metrics(positions)).max(initial=0.0))
