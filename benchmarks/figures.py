@@ -27,7 +27,7 @@ from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.measures.figures import NONE, Figure, State, formatted, overall, split_key
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Again, simulated_on
+from toros_fem.products.actuators.other_mesh import SimulatedPrint, simulated_on
 from toros_fem.results.console import duration
 from toros_fem.results.runs.summary_file import Summary, summary_of
 
@@ -171,7 +171,7 @@ def tried_on(folder: Path, edge: float) -> tuple[Figure, ...]:
     level = scene.finest_level
     pattern, stored = scene.case(comm, level).pattern, read_print_polygons(comm, folder)
     pressures = summary_of(folder).entries["pressures_pa"]
-    again = Again((pattern, pattern.points), (stored.pattern, stored.regions), pressures)
+    again = SimulatedPrint((pattern, pattern.points), (stored.pattern, stored.regions), pressures)
     ratio = edge / level.edge_length
     made = simulated_on(Job(comm, scene), level.scaled(ratio), again, ratio)
     found: tuple[Figure, ...] = scene.trial_figures(comm, made)

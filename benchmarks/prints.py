@@ -18,7 +18,7 @@ from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.measures.figures import formatted, split_key
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Again, simulated_on
+from toros_fem.products.actuators.other_mesh import SimulatedPrint, simulated_on
 from toros_fem.products.kinds import KINDS
 from toros_fem.results.shape_miss import shape_of
 
@@ -42,7 +42,7 @@ def rows_of(kind: str, ratios: tuple[float, ...]) -> Iterator[Row]:
     at_rest = scene.case(comm, level).pattern
     near = at_rest, at_rest.points
     for ratio in ratios:
-        again = Again(near, (stored.pattern, stored.regions), [PRESSURES[kind]])
+        again = SimulatedPrint(near, (stored.pattern, stored.regions), [PRESSURES[kind]])
         begin = time.perf_counter()
         made = simulated_on(Job(comm, scene), level.scaled(ratio), again, ratio)
         seconds = time.perf_counter() - begin

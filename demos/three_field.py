@@ -32,8 +32,8 @@ from toros_fem.base.files import guarded, if_plotting, write_json
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import Pattern, bend
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.tables.loads import Results
-from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.loads import ResultTable
+from toros_fem.products.tables.steps import DesignTable
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
 from toros_fem.results.runs.folder import open_run
@@ -57,10 +57,10 @@ class ThreeFieldScene(TubeScene):
     """
 
     target: BendTarget = BendTarget()
-    design: Designing = Designing(
+    design: DesignTable = DesignTable(
         levels=1, polish_iterations=0, corrections=0, perimeter_weight=1e-4
     )
-    results: Results = Results(curve_pressure=None)
+    results: ResultTable = ResultTable(curve_pressure=None)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the tube and its target."""

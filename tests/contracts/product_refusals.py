@@ -31,7 +31,7 @@ from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.gripper.gripper import GripperScene
 from toros_fem.products.options import FitOptions
-from toros_fem.products.own_mesh.metrics import Measured
+from toros_fem.products.own_mesh.metrics import MetricTable
 from toros_fem.products.own_mesh.own_mesh import (
     Held,
     OwnSkin,
@@ -65,7 +65,7 @@ WORDS: Table = {
        for text, unit in (
            ("5 mm", "Pa"), ("5 kPa", None), ("5", "Pa"), ("5 furlong", "m"), ("five mm", "m"),
            ("nan mm", "m"), ("1e999 m", "m"), ("5 %", "m"))},
-    **each(Measured.from_words, {"text": "bnd of z > 1"}, {"text": "bend z > 1"},
+    **each(MetricTable.from_words, {"text": "bnd of z > 1"}, {"text": "bend z > 1"},
            {"text": "bend of z > 1 kPa"}, {"text": "twist of z > 1 against q < 1"},
            {"text": "length of z > 1"}),
 }  # fmt: skip

@@ -36,7 +36,7 @@ from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.print.print_file import StoredPrint, read_print_polygons, write_print_polygons
 from toros_fem.making.print.printability import PrintLimits
-from toros_fem.making.sheets.layout import Sheet
+from toros_fem.making.sheets.layout import CutSheet
 from toros_fem.making.sheets.write import cut_dxf, cut_svg, stl_of, threemf_of
 from toros_fem.materials.library.files import read_library, read_materials, write_material
 from toros_fem.materials.library.material import LibraryMaterial
@@ -607,7 +607,7 @@ def wanted_lines(drawings: list[PanelDrawing]) -> tuple[Drawn, list[Label]]:
     """What each layer shows in mm: lines, and whether they are closed; and all texts."""
     lines: Drawn = {}
     labels: list[Label] = []
-    for name, layers in Sheet(SHEET, drawings).layers.items():
+    for name, layers in CutSheet(SHEET, drawings).layers.items():
         lines[name] = []
         for layer in layers:
             parts = shapely.get_parts(shapely.orient_polygons(layer.region))
@@ -674,7 +674,7 @@ def test_cut_files(
 ) -> None:
     """Each line and text of each layer, in mm, in its order; rings run as on the sheet."""
     path = empty(folder) / name
-    path.write_bytes(write(Sheet(SHEET, drawings)))
+    path.write_bytes(write(CutSheet(SHEET, drawings)))
     (lines, labels), (wanted, texts) = read(path), wanted_lines(drawings)
     assert {key: len(rows) for key, rows in lines.items()} == {
         key: len(rows) for key, rows in wanted.items() if rows

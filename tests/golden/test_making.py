@@ -24,7 +24,7 @@ from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings, printed_face
 from toros_fem.making.print.cleaning import MirroredPanels, Panels, clean, thickened
 from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
-from toros_fem.making.sheets.layout import Sheet, manufacture
+from toros_fem.making.sheets.layout import CutSheet, manufacture
 from toros_fem.making.sheets.write import cut_dxf, print_bodies
 from toros_fem.meshes import cylinder, mirrored
 from toros_fem.meshes.affine import Affine
@@ -183,7 +183,7 @@ def test_panels(kind: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
     drawings = panel_drawings(pattern, stripes, options)
     pinned(f"machine_files/panels_of_{kind}", named(drawings), rel=1e-7, small=1e-10)
     moved = drawings[0].moved(Affine.turn(0.7, [0.1, 0.1]))
-    (tmp_path / "cut.dxf").write_bytes(cut_dxf(Sheet((0.45, 0.3), [moved])))
+    (tmp_path / "cut.dxf").write_bytes(cut_dxf(CutSheet((0.45, 0.3), [moved])))
     words: dict[str, list[str]] = {}
     places: dict[str, list[np.ndarray]] = {}
     for entity in ezdxf.readfile(tmp_path / "cut.dxf").modelspace():

@@ -14,7 +14,7 @@ from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.print.islands import PanelRegion
 from toros_fem.measures.figures import Figure, Tolerances
-from toros_fem.products.tables.steps import Filtering
+from toros_fem.products.tables.steps import FilterTable
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.summary_file import summary_of
 from toros_fem.results.shape_miss import shape_of
@@ -50,7 +50,7 @@ def test_summary_is_equal_on_all_ranks_and_changes_nothing(
     """Each rank has its own clock, yet all return the first one's."""
     seconds = {"total": float(comm.rank)}
     before = copy.deepcopy((seconds, result.seconds))
-    config, folder = Filtering(seed=5), shared(comm, tmp_path)
+    config, folder = FilterTable(seed=5), shared(comm, tmp_path)
     summary = write_summary(comm, folder, of(result, printed, config=config, seconds=seconds))
     assert (seconds, result.seconds) == before
     assert summary == comm.bcast(summary, root=0)

@@ -9,7 +9,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.cli.scene_files.writing import WIDTH, scene_text
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.own_mesh.metrics import Measured
+from toros_fem.products.own_mesh.metrics import MetricTable
 from toros_fem.products.own_mesh.own_mesh import Held, OwnMeshScene, Printed
 
 
@@ -51,7 +51,7 @@ def test_other_values_are_read_again(tmp_path: Path) -> None:
         pressure=1e5 / 7,
         seed=12,
         metrics="angle, distance",
-        metric=(Measured(of="base, tip", measure="tip"),),
+        metric=(MetricTable(of="base, tip", measure="tip"),),
     )  # fmt: skip
     path = tmp_path / "own.toml"
     path.write_text(scene_text(config, {"mesh": "my file.stl"}), "utf-8")

@@ -3,7 +3,7 @@ import pytest
 from helpers.lines import distance_to_others, largest_jump
 from mpi4py import MPI
 
-from toros_fem.design.lines.centre_lines import CentreLine, Family
+from toros_fem.design.lines.centre_lines import CentreLine, LinesOfFamily
 from toros_fem.design.lines.ends import Net
 from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines
@@ -80,7 +80,7 @@ def test_a_line_meets_itself_after_three_spacings(spacing: float, end: str) -> N
     nodes = np.array([[30, 0], [30, 19.9], [30, 30], [40, 30], [40, 20], [25, 20]]) * 1e-3
     line = CentreLine(np.zeros(5, dtype=int), in_plane(np.stack([nodes[:-1], nodes[1:]], axis=1)))
     even = np.full(mesh.size, spacing)
-    family = Family(1e-3, [line], np.zeros((1, 3)), even, 0.1 * even, (1e-4, even))
+    family = LinesOfFamily(1e-3, [line], np.zeros((1, 3)), even, 0.1 * even, (1e-4, even))
     net = Net(mesh, [family], ())
     net.close()
     ((found,),) = (family.lines for family in net.result())

@@ -6,7 +6,7 @@ import shapely
 from helpers.lines import even_field, largest_jump, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
-from toros_fem.design.lines.centre_lines import CentreLine, Family
+from toros_fem.design.lines.centre_lines import CentreLine, LinesOfFamily
 from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, with_regions
 from toros_fem.design.lines.lay_lines import lay_lines
@@ -195,7 +195,7 @@ def test_a_line_that_ends_on_itself_does_not_taper_to_another() -> None:
         segments = np.stack([places[:-1], places[1:]], axis=1)
         line = CentreLine(np.zeros(len(segments), dtype=int), segments, ("border", "line"))
         angles, bounds = np.zeros((1, 3)), (radius, radius * ones)
-        families.append(Family(2 * radius, [line], angles, ones, radius * ones, bounds))
+        families.append(LinesOfFamily(2 * radius, [line], angles, ones, radius * ones, bounds))
     lines = LaidLines(mesh, tuple(families), {}, (), LineOptions(), np.zeros(mesh.size, complex))
     beside = end + (0.4e-3 - 0.95e-3j) * along
     assert beside.real > 0.031, "not under the rest of the line"

@@ -3,7 +3,7 @@ import pytest
 from helpers.lines import even_field, positions
 from mpi4py import MPI
 
-from toros_fem.design.lines.centre_lines import CentreLine, Family
+from toros_fem.design.lines.centre_lines import CentreLine, LinesOfFamily
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines, make_symmetry
 from toros_fem.meshes import cylinder, mirrored
@@ -71,7 +71,7 @@ def test_all_images_of_an_octant_return_to_it() -> None:
         a, b, c = found.whole.flat.T
         odd = [number.bit_count() % 2 for number in range(8)]
         angles = np.tile(np.angle(np.where(odd, b - c, b - a))[:, None], 3)
-        family = Family(0.1, [line], angles, values, 2 * values, (0.01, 3 * values))
+        family = LinesOfFamily(0.1, [line], angles, values, 2 * values, (0.01, 3 * values))
         moved = found.to_part(family, image)
         for factor, there in enumerate((moved.spacing, moved.radius, moved.bounds[1]), 1):
             assert there[found.part.vertex] == pytest.approx(factor * own)

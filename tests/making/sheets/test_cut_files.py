@@ -15,7 +15,7 @@ from helpers.panels import pattern_of, striped
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.panels.panel_labels import Label
-from toros_fem.making.sheets.layout import Sheet
+from toros_fem.making.sheets.layout import CutSheet
 from toros_fem.making.sheets.write import cut_dxf, cut_svg, outlines
 from toros_fem.meshes.affine import Affine
 
@@ -23,14 +23,14 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
-def full() -> Sheet:
+def full() -> CutSheet:
     pattern = pattern_of("finger")
     drawing = panel_drawings(pattern, striped(pattern))[0]
     left, low, right, high = drawing.footprint.bounds
-    return Sheet((right - left, high - low), [drawing.moved(Affine.shift([-left, -low]))])
+    return CutSheet((right - left, high - low), [drawing.moved(Affine.shift([-left, -low]))])
 
 
-def test_a_full_sheet_has_its_ruler_below(full: Sheet) -> None:
+def test_a_full_sheet_has_its_ruler_below(full: CutSheet) -> None:
     size, root = full.size, ET.fromstring(cut_svg(full))
     height = float(root.get("height", "").removesuffix("mm"))
     assert height == pytest.approx(1e3 * size[1] + 9, abs=1e-2)
@@ -40,7 +40,7 @@ def test_a_full_sheet_has_its_ruler_below(full: Sheet) -> None:
     assert heights
 
 
-def test_equal_cuts_have_equal_bytes(full: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equal_cuts_have_equal_bytes(full: CutSheet, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where sets have another order, as in each process."""
     made, kinds = [], EntityDB.dxf_types_in_use
     for turned in (False, True):
@@ -52,7 +52,7 @@ def test_equal_cuts_have_equal_bytes(full: Sheet, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("version", ["R12", "R2010"])
 @pytest.mark.parametrize("letters", ["text", "outlines"])
-def test_versions_letters_and_extents_of_dxf(full: Sheet, version: str, letters: str) -> None:
+def test_versions_letters_and_extents_of_dxf(full: CutSheet, version: str, letters: str) -> None:
     """R12 knows no light polylines; the extents are those of all lines."""
     written = cut_dxf(full, ManufactureOptions(dxf_version=version, letters=letters)).decode()
     document = ezdxf.read(io.StringIO(written))
@@ -67,7 +67,7 @@ def test_versions_letters_and_extents_of_dxf(full: Sheet, version: str, letters:
     assert layers == {"print", "seam", "marks", "labels", "cut"}
 
 
-def test_outlines_in_svg(full: Sheet) -> None:
+def test_outlines_in_svg(full: CutSheet) -> None:
     """No text is left, and the lettering is where the text was."""
     root = ET.fromstring(cut_svg(full, ManufactureOptions(letters="outlines")))
     assert not list(root.iter(f"{SVG}text"))

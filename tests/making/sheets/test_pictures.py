@@ -10,7 +10,7 @@ from helpers.panels import pattern_of, striped
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.svg import CAPITAL
-from toros_fem.making.sheets.layout import Sheet
+from toros_fem.making.sheets.layout import CutSheet
 from toros_fem.making.sheets.page import seam_picture, sheet_picture
 from toros_fem.meshes.affine import Affine
 
@@ -33,7 +33,9 @@ def drawing() -> PanelDrawing:
 def test_texts_stand_around_their_places(drawing: PanelDrawing) -> None:
     """The middle of the capitals is the place of the label, whichever way it is turned."""
     found = []
-    for text in ET.fromstring(sheet_picture(Sheet(SIZE, [drawing]), "a sheet")).iter(f"{SVG}text"):
+    for text in ET.fromstring(sheet_picture(CutSheet(SIZE, [drawing]), "a sheet")).iter(
+        f"{SVG}text"
+    ):
         x, y, degrees = map(float, re.findall(r"-?[\d.]+", text.get("transform", "")))
         half, angle = CAPITAL * float(text.get("font-size", "")) / 2, np.radians(degrees)
         middle = np.array([x + half * np.sin(angle), y - half * np.cos(angle)])
@@ -46,7 +48,7 @@ def test_texts_stand_around_their_places(drawing: PanelDrawing) -> None:
 def test_a_ruler_below_a_full_sheet_is_seen(drawing: PanelDrawing) -> None:
     left, low, right, high = drawing.footprint.bounds
     full, size = drawing.moved(Affine.shift([-left, -low])), (right - left, high - low)
-    svg = ET.fromstring(sheet_picture(Sheet(size, [full]), "a sheet"))
+    svg = ET.fromstring(sheet_picture(CutSheet(size, [full]), "a sheet"))
     _, top, _, deep = map(float, svg.get("viewBox", "").split())
     lines = [line.get("d", "") for line in svg.iter(f"{SVG}path")]
     y = [float(text) for line in lines for text in re.findall(r",(-?[\d.]+)", line)]
@@ -57,7 +59,7 @@ def test_a_ruler_below_a_full_sheet_is_seen(drawing: PanelDrawing) -> None:
 
 def test_seams_have_their_colours_and_places(drawing: PanelDrawing) -> None:
     """A line and its disc have one colour; no two seams have the same."""
-    svg = ET.fromstring(seam_picture(Sheet(SIZE, [drawing]), "seams"))
+    svg = ET.fromstring(seam_picture(CutSheet(SIZE, [drawing]), "seams"))
     lines = svg.findall(f"{SVG}g[@class='sewn']/{SVG}path")
     discs = list(svg.iter(f"{SVG}circle"))
     colours = [line.get("style", "").removeprefix("stroke:") for line in lines]

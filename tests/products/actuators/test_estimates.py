@@ -23,7 +23,7 @@ from toros_fem.products.actuators.estimates import (
     metric_errors,
     trial_intervals,
 )
-from toros_fem.products.actuators.other_mesh import Again
+from toros_fem.products.actuators.other_mesh import SimulatedPrint
 from toros_fem.products.tubes.bend import BendScene
 
 
@@ -66,7 +66,7 @@ def found(
     job: Any = SimpleNamespace(scene=scene, comm=MPI.COMM_SELF)
 
     level: Any = 0
-    again = Again((pattern, shape(0)), None, None)
+    again = SimulatedPrint((pattern, shape(0)), None, None)
     return metric_errors(job, level, {"x_mm": mean}, again, pattern)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.products.actuators import discovery
-from toros_fem.products.actuators.misses import Answer, misses_of
+from toros_fem.products.actuators.misses import StrainResponse, misses_of
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.bend_twist import BendTwistScene
 from toros_fem.products.tubes.contract import ContractScene
@@ -76,7 +76,7 @@ def test_an_asked_shape_has_the_strains_that_are_asked(kind: type[Any]) -> None:
     assert found.strains == pytest.approx(rod.strains + more, abs=1e-6)
     assert misses.strains_beyond(case.goal) == pytest.approx(0.0, abs=1e-9)
     # A print that has all of it is asked for the target next.
-    answer = Answer(more, more)
+    answer = StrainResponse(more, more)
     size = np.abs(more).max(axis=0, keepdims=True) + 1e-9
     assert misses.strains_to_ask([answer]) / size == pytest.approx(0.0, abs=1e-3)
 

@@ -10,7 +10,7 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.products.actuators import other_mesh
 from toros_fem.products.actuators.other_mesh import (
     COARSER_MESHES,
-    Again,
+    SimulatedPrint,
     coarser_levels,
     near_on_coarser,
 )
@@ -30,7 +30,7 @@ def levels_tried(
             raise ParameterError("there is no coarser mesh.")
         return 1.5, level + 1
 
-    def simulated(_: Any, level: int, again: Again, ratio: float) -> Any:
+    def simulated(_: Any, level: int, again: SimulatedPrint, ratio: float) -> Any:
         tried.append((level, again.near))
         assert ratio == pytest.approx(1.5**level)
         if level in without:
@@ -43,7 +43,7 @@ def levels_tried(
     job: Any = SimpleNamespace(scene=SimpleNamespace(coarser=coarser), comm=MPI.COMM_SELF)
     level: Any = 0
     near: Any = ("given", "far")
-    return tried, near_on_coarser(job, level, Again(near, None, None))
+    return tried, near_on_coarser(job, level, SimulatedPrint(near, None, None))
 
 
 def test_the_coarsest_mesh_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,7 +33,7 @@ from toros_fem.products.actuators.pressure_curve import (
     trace_pressure_curve,
     write_curve,
 )
-from toros_fem.products.tables.loads import Results
+from toros_fem.products.tables.loads import ResultTable
 from toros_fem.results.frames.files import read_frames
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))
@@ -146,7 +146,7 @@ def printed_as(made: Print | None) -> Any:
     )
 
 
-CONFIG = Results(curve_pressure=4e3, curve_steps=2)
+CONFIG = ResultTable(curve_pressure=4e3, curve_steps=2)
 
 
 @pytest.mark.slow

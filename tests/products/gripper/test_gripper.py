@@ -8,7 +8,7 @@ from helpers.designs import case_of
 from mpi4py import MPI
 
 from toros_fem.products.gripper import gripper as demo
-from toros_fem.products.gripper.load import Lifted, LiftFigures
+from toros_fem.products.gripper.load import LiftFigures, LiftResult
 
 SMALL = demo.GripperScene.of(edge_length=4e-3)
 
@@ -95,7 +95,7 @@ def test_another_angle_leaves_the_object_in_place(alone: MPI.Comm) -> None:
 
 def test_a_lift_without_equilibrium_is_told() -> None:
     failed, none = LiftFigures(failure="no equilibrium"), LiftFigures()
-    load = Lifted(0.1, 0.3, 3, failed, none)
+    load = LiftResult(0.1, 0.3, 3, failed, none)
     assert load.words == "An object of 100 g is not lifted: no equilibrium"
     dropped = replace(load, printed=LiftFigures(held_mass_kg=0.05))
     assert (

@@ -20,7 +20,7 @@ from toros_fem.measures.shape import ShapePart
 from toros_fem.meshes import triangle_limit
 from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.products.actuators.cost import require_affordable_meshes
-from toros_fem.products.own_mesh.metrics import Measured
+from toros_fem.products.own_mesh.metrics import MetricTable
 from toros_fem.products.own_mesh.own_mesh import (
     Held,
     OwnMeshScene,
@@ -175,7 +175,7 @@ def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) ->
 def test_symmetric_design_and_its_metrics(alone: MPI.Comm, tmp_path: Path) -> None:
     """A symmetric finger gets a symmetric print, whose tip stays in the plane."""
     scene, folder = tmp_path / "mine.toml", tmp_path / "run"
-    tip = Measured(name="tip", measure="bend", of="z > 80 mm", against="z < 4 mm", target=60.0)
+    tip = MetricTable(name="tip", measure="bend", of="z > 80 mm", against="z < 4 mm", target=60.0)
     config = CONFIG.updated(symmetry="auto", metric=(tip,))
     scene.write_text(scene_text(config, {"mesh": FINGER}), encoding="utf-8")
     words = ["design", str(scene), "--output", str(folder), "--quiet"]

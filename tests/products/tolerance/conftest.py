@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.result import Tolerances
+from toros_fem.products.tolerance.result import ToleranceResult
 
 
 @pytest.fixture(scope="session")
@@ -15,6 +15,6 @@ def printed(alone: MPI.Comm) -> Printed:
 
 
 @pytest.fixture(scope="session")
-def found(printed: Printed) -> Tolerances:
+def found(printed: Printed) -> ToleranceResult:
     small = ToleranceConfig(modulus=0.01, thickness=0.01, pressure_change=0.005)
     return tf.tolerances(*printed, small)

@@ -19,7 +19,7 @@ import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.meshes import Pattern
 from toros_fem.products.tolerance.of_run import by_size, plot_tolerances, write_tolerances
-from toros_fem.products.tolerance.result import Tolerances
+from toros_fem.products.tolerance.result import ToleranceResult
 from toros_fem.products.tolerance.simulated import broken_lines, offset_print
 
 KEYS = ("objective", "angle_deg", "length_ratio")
@@ -34,7 +34,7 @@ QUANTITIES = (
 RESOLUTION = 0.03 * MM
 
 
-def test_all_variants_are_there(found: Tolerances) -> None:
+def test_all_variants_are_there(found: ToleranceResult) -> None:
     changes = [(v.quantity, v.label) for v in found.variants]
     assert changes[:4] == [
         ("print width", f"{change} mm") for change in ("−0.2", "−0.1", "+0.1", "+0.2")
@@ -44,7 +44,7 @@ def test_all_variants_are_there(found: Tolerances) -> None:
     assert all(v.values for v in found.variants)
 
 
-def test_shapes_follow_the_ratio_of_moduli_and_pressure(found: Tolerances) -> None:
+def test_shapes_follow_the_ratio_of_moduli_and_pressure(found: ToleranceResult) -> None:
     """Both moduli and the pressure by one factor change no shape: their derivatives cancel."""
     for key in KEYS:
         slopes = []
@@ -54,12 +54,12 @@ def test_shapes_follow_the_ratio_of_moduli_and_pressure(found: Tolerances) -> No
         assert sum(slopes) == pytest.approx(0.0, abs=1e-3 * max(map(abs, slopes))), key
 
 
-def test_the_mesh_of_the_design(printed: Printed, found: Tolerances) -> None:
+def test_the_mesh_of_the_design(printed: Printed, found: ToleranceResult) -> None:
     problem, made = printed
     assert found.own_mesh == problem.metrics_of(made.evaluation.equilibrium)
 
 
-def test_signs_are_those_of_mechanics(found: Tolerances) -> None:
+def test_signs_are_those_of_mechanics(found: ToleranceResult) -> None:
     """Softer fabric bends more, as does a larger pressure; print area follows the polygons."""
     for quantity, sign in (("fabric modulus", -1), ("fabric thickness", -1), ("pressure", 1)):
         (more,) = (v for v in found.variants if v.quantity == quantity and v.change > 0)
@@ -71,7 +71,7 @@ def test_signs_are_those_of_mechanics(found: Tolerances) -> None:
         assert np.sign(mesh) == np.sign(variant.change)
 
 
-def test_the_worst_is_named(found: Tolerances) -> None:
+def test_the_worst_is_named(found: ToleranceResult) -> None:
     worst = found.worst("angle_deg")
     sizes = [abs(found.change(v, "angle_deg") or 0) for v in found.variants]
     assert abs(found.change(worst, "angle_deg") or 0) == max(sizes)
@@ -81,7 +81,7 @@ def test_the_worst_is_named(found: Tolerances) -> None:
     assert f"{found.nominal['angle_deg']:.4g}° becomes" in sentence
 
 
-def test_files(alone: MPI.Comm, found: Tolerances, tmp_path: Path) -> None:
+def test_files(alone: MPI.Comm, found: ToleranceResult, tmp_path: Path) -> None:
     write_tolerances(alone, tmp_path, found)
     content = json.loads((tmp_path / "tolerance.json").read_text(encoding="utf-8"))
     assert content["variants"][0]["change"] == "−0.2 mm"
@@ -91,7 +91,7 @@ def test_files(alone: MPI.Comm, found: Tolerances, tmp_path: Path) -> None:
     assert (tmp_path / "tolerance.png").stat().st_size > 10_000
 
 
-def test_a_variant_without_equilibrium_is_drawn_as_the_largest(found: Tolerances) -> None:
+def test_a_variant_without_equilibrium_is_drawn_as_the_largest(found: ToleranceResult) -> None:
     """Not as one that changes nothing; the largest is on top, the last of them."""
     weak = replace(found.variants[0], values={})
     pairs = by_size(replace(found, variants=(weak, *found.variants[1:])))
@@ -157,7 +157,7 @@ def test_a_ring_that_opens_is_a_line_that_parts(pattern: Pattern) -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_words_of_the_picture_are_apart(
-    found: Tolerances, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
+    found: ToleranceResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
     """Also numbers of charts beside each other, at each height of the values."""
     (angle, *_), pages = found.metrics, list[Figure]()

@@ -10,7 +10,7 @@ from matplotlib.text import Annotation
 from toros_fem.measures.figures import Figure
 from toros_fem.results.pictures.curves import draw_curve, draw_history, draw_tracks
 from toros_fem.results.pictures.style import bar_length, page
-from toros_fem.results.runs.run_folder import Curve, Measured
+from toros_fem.results.runs.run_folder import Measured, StoredCurve
 
 ROWS = [
     {"pressure_pa": 1e3 * k, "angle_deg": 20.0 * k, "twist_deg": 5.0 * k, "length_ratio": 1 + k / 9}
@@ -28,7 +28,7 @@ def words(figure: Page) -> list[str]:
 def test_figures_of_one_unit_share_axes() -> None:
     """Each line has its name, the target and the value at the design's pressure their words."""
     figure = Page(figsize=(8, 4.5))
-    draw_curve(figure, Curve(ROWS, 4e3), [ANGLE, TWIST, LENGTH])
+    draw_curve(figure, StoredCurve(ROWS, 4e3), [ANGLE, TWIST, LENGTH])
     assert len(figure.axes) == 2
     assert [axes.get_ylabel() for axes in figure.axes] == [
         "angle and twist (°)",
@@ -44,14 +44,14 @@ def test_figures_of_one_unit_share_axes() -> None:
 def test_curves_without_names_reach_the_border() -> None:
     for figures, right in (([ANGLE], 0.97), ([ANGLE, LENGTH], 0.97), ([ANGLE, TWIST], 0.88)):
         figure = Page(figsize=(8, 4.5))
-        draw_curve(figure, Curve(ROWS, 4e3), figures)
+        draw_curve(figure, StoredCurve(ROWS, 4e3), figures)
         assert figure.axes[0].get_position().x1 == pytest.approx(right)
 
 
 def test_a_finer_mesh_is_named() -> None:
     for finer in (False, True):
         figure = Page(figsize=(8, 4.5))
-        draw_curve(figure, Curve(ROWS, 4e3, finer=finer), [ANGLE, LENGTH])
+        draw_curve(figure, StoredCurve(ROWS, 4e3, finer=finer), [ANGLE, LENGTH])
         below = figure.axes[-1].get_xlabel()
         assert ("finer mesh" in below) is finer
         assert below.startswith("pressure (kPa)")
@@ -62,7 +62,7 @@ def test_measured_values_stand_beside_ours() -> None:
     measured = [Measured("angle_deg", 3e3, 50.0, 60.0, "paper"),
                 Measured("angle_deg", 5e3, 70.0, None, "a bench"),
                 Measured("twist_deg", 5e3, 7.0, None, "another")]  # fmt: skip
-    draw_curve(figure, Curve(ROWS, 4e3, measured), [ANGLE])
+    draw_curve(figure, StoredCurve(ROWS, 4e3, measured), [ANGLE])
     told = words(figure)
     assert "50° (paper),\n60° ours" in told
     assert "70° (a bench)" in told
@@ -73,7 +73,7 @@ def test_measured_values_stand_beside_ours() -> None:
 def test_ends_without_equilibrium(broken: tuple[bool, bool]) -> None:
     """A curve that begins late has none at lower pressures, one that ends early at higher ones."""
     figure = Page(figsize=(8, 4.5))
-    draw_curve(figure, Curve(ROWS, broken=broken), [ANGLE])
+    draw_curve(figure, StoredCurve(ROWS, broken=broken), [ANGLE])
     told = words(figure)
     assert ("no equilibrium below" in told, "no equilibrium beyond" in told) == broken
 
@@ -82,7 +82,7 @@ def test_units_are_those_of_readers() -> None:
     """A held mass of 0.05 kg is drawn as 50 g."""
     figure = Page(figsize=(8, 4.5))
     rows = [{"pressure_pa": 1e3, "mass_kg": 0.01}, {"pressure_pa": 2e3, "mass_kg": 0.05}]
-    draw_curve(figure, Curve(rows, 2e3), [Figure("mass", "kg", 0.05)])
+    draw_curve(figure, StoredCurve(rows, 2e3), [Figure("mass", "kg", 0.05)])
     assert np.asarray(figure.axes[0].lines[0].get_ydata())[-1] == pytest.approx(50.0)
 
 

@@ -9,8 +9,8 @@ from toros_fem.making.print.printability import printed_fractions
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.raster import (
+    DrawnSurface,
     Image,
-    Surface,
     ink_of,
     render,
     silhouettes,
@@ -31,7 +31,7 @@ def area(image: Image, scale: float) -> float:
 @pytest.mark.parametrize("view", [View(), View(25, 35), View(-40, 200)])
 def test_a_ball_is_a_disc(view: View) -> None:
     window = window_of(view.project(BALL.points), 1.5, 600)
-    image = render([Surface(BALL.triangles, BALL.points, closed=True)], view, window)
+    image = render([DrawnSurface(BALL.triangles, BALL.points, closed=True)], view, window)
     hull = shapely.MultiPoint(view.project(BALL.points)).convex_hull
     assert area(image, window.scale) == pytest.approx(hull.area, rel=0.015)
     assert image.depth.max() == pytest.approx(view.depth(BALL.points).max(), rel=1e-2)
@@ -42,15 +42,15 @@ def test_the_nearer_one_hides_the_other() -> None:
     for ahead, seen in ((-0.03, RED), (0.03, GREEN)):
         other = BALL.points + [0, ahead, 0]
         surfaces = [
-            Surface(BALL.triangles, other, RED, closed=True),
-            Surface(BALL.triangles, BALL.points, GREEN, closed=True),
+            DrawnSurface(BALL.triangles, other, RED, closed=True),
+            DrawnSurface(BALL.triangles, BALL.points, GREEN, closed=True),
         ]
         window = window_of(View().project(BALL.points), 1.0, 200)
         middle = render(surfaces, View(), window).colours[90:110, 90:110, :3] / 255
         assert np.abs(middle - middle.max() * seen).max() < 0.1
     beside = [
-        Surface(BALL.triangles, BALL.points - [0.005, 0, 0], RED, closed=True),
-        Surface(BALL.triangles, BALL.points + [0.005, 0, 0], GREEN, closed=True),
+        DrawnSurface(BALL.triangles, BALL.points - [0.005, 0, 0], RED, closed=True),
+        DrawnSurface(BALL.triangles, BALL.points + [0.005, 0, 0], GREEN, closed=True),
     ]
     window = window_of(View().project(np.concatenate([s.points for s in beside])), 1.5, 300)
     picture = render(beside, View(), window).colours
@@ -67,7 +67,7 @@ def test_the_printed_area_is_that_of_the_print(pattern: Pattern, angle: float) -
     x = pattern.points if angle == 0 else bent(pattern, angle)
     view = View(0, 90.0)
     window = window_of(view.project(x), 0.8, 1200)
-    surface = Surface(pattern.triangles, x, FABRIC, ink_of(pattern, regions), closed=True)
+    surface = DrawnSurface(pattern.triangles, x, FABRIC, ink_of(pattern, regions), closed=True)
     colours = render([surface], view, window).colours
     dark = (colours[..., 3] > 127) & (colours[..., 2].astype(int) > colours[..., 0] * 1.3)
     share = printed_fractions(pattern, regions)
@@ -83,7 +83,7 @@ def test_data_keep_their_colour(pattern: Pattern) -> None:
     """With no contrast the light changes nothing; print is darker by its factor."""
     colours = np.tile(RED, (len(pattern.triangles), 3, 1))
     ink = ink_of(pattern, regions_of(pattern))
-    surface = Surface(
+    surface = DrawnSurface(
         pattern.triangles, pattern.points, colours, ink, contrast=0.0, ink_shade=0.5, closed=True
     )
     window = window_of(View(0, 90).project(pattern.points), 0.5, 300)
@@ -98,10 +98,10 @@ def test_an_open_skin_shows_its_inside_darker() -> None:
     square = np.array([[0, 0, 0], [0.01, 0, 0], [0.01, 0, 0.01], [0, 0, 0.01]])
     cells = np.array([[0, 1, 2], [0, 2, 3]])
     window = window_of(View().project(square), 1.0, 100)
-    front = render([Surface(cells, square)], View(), window).colours[50, 50, :3]
-    back = render([Surface(cells[:, ::-1], square)], View(), window).colours[50, 50, :3]
+    front = render([DrawnSurface(cells, square)], View(), window).colours[50, 50, :3]
+    back = render([DrawnSurface(cells[:, ::-1], square)], View(), window).colours[50, 50, :3]
     assert back.max() < front.max()
-    hidden = render([Surface(cells[:, ::-1], square, closed=True)], View(), window)
+    hidden = render([DrawnSurface(cells[:, ::-1], square, closed=True)], View(), window)
     assert hidden.colours[..., 3].max() == 0
 
 
@@ -119,7 +119,7 @@ def test_silhouettes_follow_steps_of_the_depth() -> None:
 
 def test_what_lies_outside_of_the_window_is_left_out() -> None:
     window = window_of(np.array([[1.0, 1.0], [1.01, 1.01]]), 1.0, 50)
-    image = render([Surface(BALL.triangles, BALL.points, BODY)], View(), window)
+    image = render([DrawnSurface(BALL.triangles, BALL.points, BODY)], View(), window)
     assert image.colours[..., 3].max() == 0
 
 
@@ -131,7 +131,7 @@ def test_layers_of_one_surface_hide_each_other() -> None:
     colours = np.array([RED, RED, GREEN, GREEN])
     window = window_of(View().project(sheet), 1.0, 60)
     for order in ([0, 1, 2, 3], [2, 3, 0, 1]):
-        surface = Surface(cells[order], points, colours[order])
+        surface = DrawnSurface(cells[order], points, colours[order])
         pixel = render([surface], View(), window).colours[30, 30, :3]
         assert pixel[0] > 100
         assert pixel[1] == 0

@@ -22,7 +22,7 @@ from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.inflation import draw_inflation
 from toros_fem.results.pictures.shapes import draw_miss, draw_shape, plot_states, scenery, verdict
 from toros_fem.results.pictures.shown import DrawnSkin, visible
-from toros_fem.results.pictures.stage import Stage
+from toros_fem.results.pictures.stage import Axonometry
 from toros_fem.results.pictures.style import ACCENT, DARK, SOFT, page
 from toros_fem.results.pictures.view import View
 
@@ -226,7 +226,7 @@ def test_bodies_and_ground_are_drawn(
         draw_shape(figure, DrawnSkin(skin), pattern.points, [])
     greys = share(path, "#9AA5B1")
     assert greys > 1e-3
-    stage = Stage(Page(figsize=(4, 4)), (0, 0, 1, 1), View(20, 0), pattern.points)
+    stage = Axonometry(Page(figsize=(4, 4)), (0, 0, 1, 1), View(20, 0), pattern.points)
     stage.ground(0.0, pattern.points)
     assert len(stage.axes.patches) == 1
 
@@ -248,7 +248,7 @@ def test_lines_follow_the_skin(pattern: Pattern) -> None:
 
 
 def test_hidden_points_are_told(drawn: DrawnSkin, pattern: Pattern) -> None:
-    stage = Stage(Page(figsize=(4, 4)), (0, 0, 1, 1), View(), pattern.points)
+    stage = Axonometry(Page(figsize=(4, 4)), (0, 0, 1, 1), View(), pattern.points)
     image = stage.draw(drawn.surfaces(pattern.points))
     front, back = np.array([[0.0, -0.01, 0.07]]), np.array([[0.0, 0.01, 0.07]])
     assert visible(front, View(), image, stage.size).all()

@@ -12,7 +12,7 @@ from helpers.runs import change_summary, tube, write_run
 from toros_fem.measures.figures import Figure
 from toros_fem.results.pictures.curves import draw_history, draw_over_pressure
 from toros_fem.results.report.charts import chart, over_iterations, over_pressure
-from toros_fem.results.runs.run_folder import Curve, Measured, read_run
+from toros_fem.results.runs.run_folder import Measured, StoredCurve, read_run
 
 ANGLE = Figure("angle", "deg", 30.0)
 
@@ -23,7 +23,7 @@ def curve(
     rows = [{"pressure_pa": 1e3 * x, "angle_deg": y} for x, y in ((0, 0), (5, 30), (10, 90))]
 
     def draw(axes: Any) -> None:
-        draw_over_pressure(axes, Curve(rows, at, measured), [figure])
+        draw_over_pressure(axes, StoredCurve(rows, at, measured), [figure])
         axes.set_xlabel("pressure (kPa)")
 
     return chart("pressure", draw)[0]

@@ -12,7 +12,7 @@ from toros_fem.measures.figures import Figure
 from toros_fem.results.pictures.curves import last_tested
 from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.runs.folder import open_run
-from toros_fem.results.runs.run_folder import Curve
+from toros_fem.results.runs.run_folder import StoredCurve
 from toros_fem.results.runs.warnings import known_use, notes_at, warnings_of
 
 
@@ -81,9 +81,13 @@ def test_which_part_of_a_curve_was_tested() -> None:
     tested = known_use({"inputs": {"tested_stretch": 1.45, "c1": 1.9}})
     assert tested == pytest.approx(0.5)
     rows = [{"pressure_pa": p, "stretch_use": p / 10} for p in (1.0, 3.0, 5.0, 7.0, 9.0)]
-    assert last_tested(Curve(rows, tested=tested)) == 2
-    assert last_tested(Curve(rows, tested=0.05)) == 0
-    assert last_tested(Curve(rows, tested=None)) == last_tested(Curve(rows, tested=0.9)) == 4
+    assert last_tested(StoredCurve(rows, tested=tested)) == 2
+    assert last_tested(StoredCurve(rows, tested=0.05)) == 0
+    assert (
+        last_tested(StoredCurve(rows, tested=None))
+        == last_tested(StoredCurve(rows, tested=0.9))
+        == 4
+    )
     assert known_use({"inputs": None}) is None
 
 

@@ -113,7 +113,7 @@ class RunCommand(SceneCommand, Progress, kw_only=True):
         scene = super().scene(comm)
         if not self.metric:
             return scene
-        from toros_fem.products.own_mesh.metrics import Measured
+        from toros_fem.products.own_mesh.metrics import MetricTable
         from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
 
         if not isinstance(scene.config, OwnMeshScene):
@@ -121,7 +121,7 @@ class RunCommand(SceneCommand, Progress, kw_only=True):
                 f"--metric is for own meshes; scenes of the kind {scene.kind.KIND!r} have "
                 "metrics of their own."
             )
-        metrics = (*scene.config.metric, *map(Measured.from_words, self.metric))
+        metrics = (*scene.config.metric, *map(MetricTable.from_words, self.metric))
         return replace(scene, config=scene.config.updated(metric=metrics))
 
     def run(self, comm: MPI.Comm, scene: SceneFile, name: str, **files: Path | None) -> Answer:

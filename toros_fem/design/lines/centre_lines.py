@@ -72,7 +72,7 @@ class CentreLine:
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
+class LinesOfFamily:
     """The lines of one family.
 
     Attributes:

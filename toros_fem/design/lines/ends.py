@@ -15,7 +15,7 @@ from toros_fem.design.lines.centre_lines import (
     PLANE,
     PRINTED,
     CentreLine,
-    Family,
+    LinesOfFamily,
 )
 from toros_fem.design.lines.line_mesh import Complexes, LineMesh
 from toros_fem.meshes.mirror import plane_border
@@ -40,7 +40,9 @@ CLOSE = 1e-7
 End = tuple[int, int]
 
 
-def close_ends(mesh: LineMesh, families: Sequence[Family], planes: Sequence[int]) -> list[Family]:
+def close_ends(
+    mesh: LineMesh, families: Sequence[LinesOfFamily], planes: Sequence[int]
+) -> list[LinesOfFamily]:
     """Return the families with all ends of their lines on lines or borders.
 
     An open end goes along its direction, or aside, to the next line of any family, or is cut back
@@ -60,7 +62,9 @@ class Net:
     where the end is its start, and `put` turns it back.
     """
 
-    def __init__(self, mesh: LineMesh, families: Sequence[Family], planes: Sequence[int]) -> None:
+    def __init__(
+        self, mesh: LineMesh, families: Sequence[LinesOfFamily], planes: Sequence[int]
+    ) -> None:
         self.mesh, self.families = mesh, families
         self.double = [np.exp(2j * family.angles) for family in families]
         self.border = _borders(mesh, planes)
@@ -99,7 +103,7 @@ class Net:
         ends = [(key, side) for key, line in self.lines.items() for side in range(len(line.ends))]
         return [(key, side) for key, side in ends if self.lines[key].ends[side] == kind]
 
-    def result(self) -> list[Family]:
+    def result(self) -> list[LinesOfFamily]:
         """Return the families with their lines."""
         return [
             replace(f, lines=[line for key, line in self.lines.items() if self.family[key] == k])

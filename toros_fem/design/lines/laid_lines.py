@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.rounding import rounded
-from toros_fem.design.lines.centre_lines import BORDER, LINE, PRINTED, CentreLine, Family
+from toros_fem.design.lines.centre_lines import BORDER, LINE, PRINTED, CentreLine, LinesOfFamily
 from toros_fem.design.lines.ends import touches
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.lines.line_mesh import Complexes, LineMesh, coordinates
@@ -62,7 +62,7 @@ class LaidLines:
     """
 
     mesh: LineMesh
-    families: tuple[Family, ...]
+    families: tuple[LinesOfFamily, ...]
     stripes: Mapping[int, Stripes]
     planes: tuple[int, ...]
     options: LineOptions
@@ -167,7 +167,7 @@ def _across(mesh: LineMesh, strain: Floats, angles: Floats) -> Floats:
     return mesh.at_vertices(np.einsum("ti,tij,tj->t", normal, strain, normal))
 
 
-def _ribbons(lines: LaidLines, family: Family, joints: list[Joint]) -> list[BaseGeometry]:
+def _ribbons(lines: LaidLines, family: LinesOfFamily, joints: list[Joint]) -> list[BaseGeometry]:
     """Return the region of each panel under a family; places and widths are rounded."""
     mesh, least = lines.mesh, lines.options.print_width
     parts: list[tuple[Ints, Floats, Floats]] = [
@@ -198,7 +198,7 @@ def _warped(lines: LaidLines, line: CentreLine) -> Floats:
     return coordinates(line.places + np.einsum("mkc,mc->mk", at, way))
 
 
-def _tapered(lines: LaidLines, family: Family, line: CentreLine) -> Floats:
+def _tapered(lines: LaidLines, family: LinesOfFamily, line: CentreLine) -> Floats:
     """Return half the width at start and end of the segments of a line, (m, 2), in m.
 
     If it ends on a thinner line it tapers to its width, so that it does not stand out behind it.
@@ -216,7 +216,7 @@ def _tapered(lines: LaidLines, family: Family, line: CentreLine) -> Floats:
     return radii
 
 
-def _radii(mesh: LineMesh, family: Family, cell: Ints, places: Complexes) -> Floats:
+def _radii(mesh: LineMesh, family: LinesOfFamily, cell: Ints, places: Complexes) -> Floats:
     """Return half the width of a family at the places (m, k) in triangles, (m, k), in m."""
     at = mesh.barycentric(cell[:, None], places)
     return np.asarray(np.einsum("mkc,mc->mk", at, family.radius[mesh.vertex[cell]]))

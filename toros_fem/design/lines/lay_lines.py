@@ -14,7 +14,7 @@ import numpy.typing as npt
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_axes, require_kind
-from toros_fem.design.lines.centre_lines import CentreLine, Family, trace
+from toros_fem.design.lines.centre_lines import CentreLine, LinesOfFamily, trace
 from toros_fem.design.lines.ends import close_ends
 from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, with_regions
@@ -90,7 +90,7 @@ def lay_lines(
         families, stripes = _families(symmetry, field, planes, widths, options, like)
     else:
         mesh, stripes, none = make_line_mesh(fine, active), {}, np.empty(0)
-        families = [Family(width, [], none, none, none, (0.0, none)) for width in widths]
+        families = [LinesOfFamily(width, [], none, none, none, (0.0, none)) for width in widths]
     still = np.zeros(mesh.size, dtype=np.complex128)
     return with_regions(LaidLines(mesh, tuple(families), stripes, planes, options, still))
 
@@ -102,13 +102,13 @@ def _families(
     widths: Sequence[float],
     options: LineOptions,
     like: LaidLines | None,
-) -> tuple[list[Family], dict[int, Stripes]]:
+) -> tuple[list[LinesOfFamily], dict[int, Stripes]]:
     """Return the families of lines on the part, and the stripes of those found on the whole."""
     mesh, smoother = symmetry.part, cache(symmetry.whole.smoother)
     known = {} if like is None else like.stripes
 
     @cache
-    def on_whole(family: int) -> tuple[Family, Stripes]:
+    def on_whole(family: int) -> tuple[LinesOfFamily, Stripes]:
         width, earlier = widths[family], known.get(family)
         return _on_whole(symmetry, field, family, width, options, smoother, earlier)
 
@@ -156,7 +156,7 @@ def _on_whole(
     options: LineOptions,
     smoother: Callable[..., Callable[[Values], Values]],
     like: Stripes | None,
-) -> tuple[Family, Stripes]:
+) -> tuple[LinesOfFamily, Stripes]:
     """Return a family of lines on the whole, and its stripes; like earlier ones if there are any.
 
     The smoother is that of the whole; it keeps its factors.
@@ -204,7 +204,9 @@ def _on_whole(
     low = max(least, width / options.spread)
     high = np.maximum(low, np.minimum(width * options.spread, spacing - least))
     radius, bounds = np.clip(local * spacing, low, high) / 2, (low / 2, high / 2)
-    return Family(width, lines, waves.corner_angles(), waves.spacing, radius, bounds), stripes
+    return LinesOfFamily(
+        width, lines, waves.corner_angles(), waves.spacing, radius, bounds
+    ), stripes
 
 
 def _with_fewest_ends(best: Stripes, others: Iterator[Stripes], present: Bools) -> Stripes:
@@ -325,7 +327,7 @@ class Symmetry:
             side[self.vertex[own]] = np.where(sign[own] == 0, 1.0, sign[own])
         return side
 
-    def to_part(self, family: Family, image: int) -> Family:
+    def to_part(self, family: LinesOfFamily, image: int) -> LinesOfFamily:
         """Return a family of the part from lines of the whole in an image."""
 
         def moved(values: Floats) -> Floats:
@@ -337,7 +339,7 @@ class Symmetry:
         lines = [piece for line in family.lines for piece in self._pieces(line, image)]
         angles = self.angles_of_part(family.angles)[image]
         spacing, radius, largest = map(moved, (family.spacing, family.radius, largest))
-        return Family(family.width, lines, angles, spacing, radius, (least, largest))
+        return LinesOfFamily(family.width, lines, angles, spacing, radius, (least, largest))
 
     def _pieces(self, line: CentreLine, image: int) -> list[CentreLine]:
         """Return the pieces of a line in an image, moved to the part."""

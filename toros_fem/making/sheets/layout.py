@@ -42,7 +42,7 @@ LAYERS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class CutSheet:
     """Panels at their places on a sheet, of a width and depth in m."""
 
     size: tuple[float, float]
@@ -101,12 +101,12 @@ class Manufacture:
     grid: tuple[int, int]
 
     @cached_property
-    def beds(self) -> list[Sheet]:
+    def beds(self) -> list[CutSheet]:
         """Each bed with the panels on it."""
         return self._placed(self.bed, self.placements)
 
     @cached_property
-    def sheets(self) -> list[Sheet]:
+    def sheets(self) -> list[CutSheet]:
         """Each sheet with the panels on it."""
         return self._placed(self.sheet, self.on_sheets)
 
@@ -120,11 +120,11 @@ class Manufacture:
             found.append(Placement(place.panel, sheet, place.angle, moved))
         return found
 
-    def _placed(self, size: tuple[float, float], placements: Sequence[Placement]) -> list[Sheet]:
+    def _placed(self, size: tuple[float, float], placements: Sequence[Placement]) -> list[CutSheet]:
         found: list[list[PanelDrawing]] = [[] for _ in range(1 + max(p.sheet for p in placements))]
         for drawing, place in zip(self.drawings, placements, strict=True):
             found[place.sheet].append(drawing.moved(place.to_sheet))
-        return [Sheet(size, drawings) for drawings in found]
+        return [CutSheet(size, drawings) for drawings in found]
 
     def bed_on_sheet(self, bed: int) -> tuple[int, tuple[float, float]]:
         """Return the sheet that a bed lies on, from 0, and the bed's lower left corner in m."""

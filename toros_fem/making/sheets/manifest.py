@@ -15,7 +15,7 @@ from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.marks import notch_arcs
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 from toros_fem.making.panels.seam_lines import SewnSeam
-from toros_fem.making.sheets.layout import Manufacture, Sheet
+from toros_fem.making.sheets.layout import CutSheet, Manufacture
 
 NAME = "manufacture.json"
 FORMAT, VERSION = "toros_fem manufacture", 1
@@ -115,7 +115,7 @@ def print_height(inputs: Mapping[str, Any]) -> tuple[float | None, str]:
     return thickness, OPTIONS if thickness is None else ONE_SHEET
 
 
-def _sheet(sheet: Sheet, options: ManufactureOptions) -> dict[str, Any]:
+def _sheet(sheet: CutSheet, options: ManufactureOptions) -> dict[str, Any]:
     return {
         "size_mm": _mm(sheet.size),
         "panels": [one.name for one in sheet.drawings],

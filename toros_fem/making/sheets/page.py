@@ -12,7 +12,7 @@ import shapely
 from toros_fem.base.packages import required, template
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.svg import Svg
-from toros_fem.making.sheets.layout import Manufacture, Sheet
+from toros_fem.making.sheets.layout import CutSheet, Manufacture
 from toros_fem.making.sheets.manifest import ONE_SHEET
 from toros_fem.measures.figures import Figure
 
@@ -36,7 +36,9 @@ def page(
     """Return the page, with a title, as HTML that needs no other file."""
     safe = required("markupsafe").Markup
 
-    def drawn(draw: Callable[[Sheet, str], str], sheets: Sequence[Sheet], what: str) -> list[str]:
+    def drawn(
+        draw: Callable[[CutSheet, str], str], sheets: Sequence[CutSheet], what: str
+    ) -> list[str]:
         return [safe(draw(sheet, f"{what} {k}")) for k, sheet in enumerate(sheets, 1)]
 
     shown: str = template("toros_fem.making.sheets", NAME).render(
@@ -66,7 +68,7 @@ def _metrics(summary: Mapping[str, Any] | None) -> str:
     return ", ".join(figure.words for figure in figures if figure.state)
 
 
-def sheet_picture(sheet: Sheet, about: str) -> str:
+def sheet_picture(sheet: CutSheet, about: str) -> str:
     """Return a bed or a sheet with all that its files hold, one class for each layer.
 
     `about` tells readers who do not see it what is shown.
@@ -83,7 +85,7 @@ def sheet_picture(sheet: Sheet, about: str) -> str:
     return str(svg)
 
 
-def seam_picture(sheet: Sheet, about: str) -> str:
+def seam_picture(sheet: CutSheet, about: str) -> str:
     """Return panels whose seams are coloured and numbered, both edges of a seam alike."""
     box = shapely.total_bounds([one.cut for one in sheet.drawings])
     svg = _canvas(sheet, box, about)
@@ -111,7 +113,7 @@ def seam_colour(number: int) -> str:
     return f"hsl({HUE * (number - 1) % 360:.0f} 75% 38%)"
 
 
-def _canvas(sheet: Sheet, box: tuple[float, ...] | np.ndarray, about: str) -> Svg:
+def _canvas(sheet: CutSheet, box: tuple[float, ...] | np.ndarray, about: str) -> Svg:
     left, low, right, high = box
     wider = left - BORDER, low - BORDER, right + BORDER, high + BORDER
     return Svg(wider, sheet.size[1], digits=2, about=about)

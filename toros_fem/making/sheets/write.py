@@ -28,7 +28,7 @@ from toros_fem.making.panels.marks import cross_shapes
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.svg import Layer, Svg, open_line
-from toros_fem.making.sheets.layout import LAYERS, Manufacture, Sheet, manufacture
+from toros_fem.making.sheets.layout import LAYERS, CutSheet, Manufacture, manufacture
 from toros_fem.making.sheets.manifest import FORMAT, NAME, MadeFile, manifest, print_height
 from toros_fem.making.sheets.page import NAME as PAGE
 from toros_fem.making.sheets.page import page
@@ -191,7 +191,7 @@ FONT, CAPITAL = "DejaVu Sans", 0.729
 FINE = 200.0
 
 
-def cut_svg(sheet: Sheet, options: ManufactureOptions = DEFAULT) -> bytes:
+def cut_svg(sheet: CutSheet, options: ManufactureOptions = DEFAULT) -> bytes:
     """Return a sheet as an SVG drawing in true scale, one user unit is 1 mm.
 
     Each layer is a group that Inkscape opens as a layer. Its groups are the panels. The print is
@@ -213,7 +213,7 @@ def cut_svg(sheet: Sheet, options: ManufactureOptions = DEFAULT) -> bytes:
     return svg.encoded()
 
 
-def cut_dxf(sheet: Sheet, options: ManufactureOptions = DEFAULT) -> bytes:
+def cut_dxf(sheet: CutSheet, options: ManufactureOptions = DEFAULT) -> bytes:
     """Return a sheet as a DXF drawing in mm.
 
     Borders of cut and print are closed polylines, counter-clockwise, and clockwise around holes.
@@ -243,7 +243,7 @@ def cut_dxf(sheet: Sheet, options: ManufactureOptions = DEFAULT) -> bytes:
     return content.getvalue().encode(document.output_encoding, "dxfreplace")
 
 
-def _layers(sheet: Sheet, options: ManufactureOptions) -> dict[str, list[Layer]]:
+def _layers(sheet: CutSheet, options: ManufactureOptions) -> dict[str, list[Layer]]:
     """Return the layers of a sheet, with texts as the options have them."""
     layers = dict(sheet.layers)
     if options.letters == OUTLINES:

@@ -7,7 +7,7 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, largest, norm
-from toros_fem.mechanics.equilibrium.iteration import Iteration
+from toros_fem.mechanics.equilibrium.iteration import SolveState
 from toros_fem.mechanics.equilibrium.petsc_options import PREFIX
 
 # Modified Newton steps are taken where at most this number of them promises to finish.
@@ -32,7 +32,7 @@ class Direction:
         reuses: Whether both are, so that older factors may serve.
     """
 
-    def __init__(self, at: Iteration, snes: PETSc.SNES) -> None:
+    def __init__(self, at: SolveState, snes: PETSc.SNES) -> None:
         self.at, self._snes, self._ksp = at, snes, snes.getKSP()
         self.newton = snes.getType() == PETSc.SNES.Type.NEWTONLS
         self.own_factors = self._ksp.getPC().getType() == PETSc.PC.Type.PYTHON

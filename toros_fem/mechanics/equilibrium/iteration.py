@@ -29,7 +29,7 @@ ARMIJO, FLATTER = 1e-4, 0.9
 KEPT = 3
 
 
-class Iteration:
+class SolveState:
     """What the hooks of a SNES share.
 
     Attributes:

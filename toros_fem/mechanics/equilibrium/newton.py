@@ -25,8 +25,8 @@ from toros_fem.mechanics.equilibrium.iteration import (
     STAGNATED,
     STUCK,
     UNRESOLVED,
-    Iteration,
     Point,
+    SolveState,
 )
 from toros_fem.mechanics.equilibrium.linear_solver import ShiftedCholesky, TangentFactor
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
@@ -76,7 +76,7 @@ class Newton:
         log: Callable[[NewtonStep], None] | None = None,
     ) -> None:
         self.model, self.least_increment = model, options.min_increment
-        self._at = at = Iteration(model, options.fraction_to_barrier, log)
+        self._at = at = SolveState(model, options.fraction_to_barrier, log)
         self.factor, self.ladder = at.factor, at.ladder
         self._x, self._f = at.factor.matrix.createVecs()
         self._snes = snes = PETSc.SNES().create(model.skin.comm)
@@ -316,7 +316,7 @@ LENGTH = 0.01
 class Landing:
     """The convergence test of the SNES, and what it does to the state before."""
 
-    def __init__(self, at: Iteration, direction: Direction, snes: PETSc.SNES) -> None:
+    def __init__(self, at: SolveState, direction: Direction, snes: PETSc.SNES) -> None:
         self.at, self._direction, self._snes = at, direction, snes
         self._own = direction.newton
         self._absolute = snes.getTolerances()[1]

@@ -44,9 +44,9 @@ from toros_fem.products.actuators.estimates import (
     values_at,
 )
 from toros_fem.products.actuators.job import is_held
-from toros_fem.products.actuators.other_mesh import Again, simulated_on
+from toros_fem.products.actuators.other_mesh import SimulatedPrint, simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
-from toros_fem.products.actuators.result import ActuatorResult, Searched
+from toros_fem.products.actuators.result import ActuatorResult, SearchRecord
 from toros_fem.products.actuators.trim import trimmed
 from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
 from toros_fem.results.result import write_summary
@@ -127,17 +127,17 @@ class Designer(DensityDesigner):
         density = on_first_rank(comm, lambda: printed_fractions(case.pattern, own))
         begin = CarriedDesign(case.pattern, density)
         return self._densified(
-            [level], [scene.print_options], Searched(scene.design.seed, "print", 0), begin
+            [level], [scene.print_options], SearchRecord(scene.design.seed, "print", 0), begin
         )
 
     def _from_densities(self) -> ActuatorResult:
         """Design densities on each level, from coarse to fine, and correct the last ones."""
         scene, design = self.scene, self.scene.design
         levels, options, after = scene.levels, scene.options, None
-        search = Searched(design.seed, "random", 0)
+        search = SearchRecord(design.seed, "random", 0)
         if design.starts > 1:
             best = self._best_start()
-            search, after = Searched(best.seed, "random", 0, best.objectives), best.design
+            search, after = SearchRecord(best.seed, "random", 0, best.objectives), best.design
             # With one mesh alone all ranks finish the best design on it.
             levels, options = levels[1:] or levels, options[1:] or (design.finer_options,)
         return self._densified(levels, options, search, after)
@@ -146,7 +146,7 @@ class Designer(DensityDesigner):
         self,
         levels: Sequence[Level],
         options: Sequence[DesignOptions],
-        search: Searched,
+        search: SearchRecord,
         after: CarriedDesign | None,
     ) -> ActuatorResult:
         """Design densities on meshes, perhaps after a design of another, and correct the last."""
@@ -200,8 +200,8 @@ class Designer(DensityDesigner):
         problems: Callable[[], Iterator[ShapeDesign]],
         options: Sequence[DesignOptions],
         made: tuple[DesignResult, PrintedDesign],
-        search: Searched,
-    ) -> tuple[tuple[DesignResult, PrintedDesign], Searched]:
+        search: SearchRecord,
+    ) -> tuple[tuple[DesignResult, PrintedDesign], SearchRecord]:
         """Design anew where printable lines lost the shape, until one does not; return the best."""
         best, found = self.worst(made[1]), search
         first = place = self.reporter.attempt
@@ -238,7 +238,7 @@ class Designer(DensityDesigner):
             if lines.density_iterations:
                 self.reporter.expect(relaxed.history[-1].iteration + lines.density_iterations)
                 better = self._densities(found)
-        search = Searched(
+        search = SearchRecord(
             scene.design.seed,
             "relaxed",
             len(found.rounds) - 1,
@@ -275,7 +275,7 @@ class Designer(DensityDesigner):
         return (result, printed) if better else None
 
     def _found(
-        self, result: DesignResult, printed: PrintedDesign, search: Searched
+        self, result: DesignResult, printed: PrintedDesign, search: SearchRecord
     ) -> ActuatorResult:
         """Return a design and its print."""
         return ActuatorResult(
@@ -361,7 +361,7 @@ class Designer(DensityDesigner):
         self._check()
         ratio, level = finer
         try:
-            there = simulated_on(self, level, Again.of(found.printed), ratio)
+            there = simulated_on(self, level, SimulatedPrint.of(found.printed), ratio)
         except TorosError as caught:  # raised by all ranks or by none
             if self.comm.rank == 0:
                 log.warning("the check on a finer mesh is left out: %s", caught)
@@ -427,7 +427,7 @@ class Designer(DensityDesigner):
             if own.evaluation is None:
                 return own
             try:
-                other = simulated_on(self, level, Again.of(own), ratio)
+                other = simulated_on(self, level, SimulatedPrint.of(own), ratio)
             except TorosError as caught:  # raised by all ranks or by none
                 return replace(own, evaluation=None, failure=str(caught))
             fine = self.trimmed(replace(own, evaluation=other))
@@ -459,7 +459,7 @@ class Designer(DensityDesigner):
         self, found: ActuatorResult, known: Mapping[float, MeshValues] | None = None
     ) -> MetricErrors:
         """Return the errors of the metrics of a print that has an equilibrium."""
-        made, again = found.printed.evaluation, Again.of(found.printed)
+        made, again = found.printed.evaluation, SimulatedPrint.of(found.printed)
         assert made is not None
         problem = made.problem
         assert isinstance(problem, ShapeDesign)
@@ -470,7 +470,9 @@ class Designer(DensityDesigner):
         """Return the simulated print on the mesh where its trial is repeated."""
         self._check()
         ratio = self.scene.TRIAL_MESH
-        return simulated_on(self, self._print_level.scaled(ratio), Again.of(printed), ratio)
+        return simulated_on(
+            self, self._print_level.scaled(ratio), SimulatedPrint.of(printed), ratio
+        )
 
     @property
     def _print_level(self) -> Level:

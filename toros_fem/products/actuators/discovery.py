@@ -31,8 +31,8 @@ from toros_fem.products.actuators.estimates import values_on
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
-from toros_fem.products.actuators.misses import Answer, misses_of
-from toros_fem.products.actuators.other_mesh import Again
+from toros_fem.products.actuators.misses import StrainResponse, misses_of
+from toros_fem.products.actuators.other_mesh import SimulatedPrint
 from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next
 from toros_fem.results.console import print_line
 from toros_fem.results.shape_miss import shape_of
@@ -78,7 +78,7 @@ class Round:
     of_shape: float
     missed: float
     failure: str
-    answer: Answer | None
+    answer: StrainResponse | None
     mended: Mending | None
     compared: bool = False
 
@@ -396,7 +396,7 @@ class _Search:
         try:
             with self._timed("prints"):
                 ratio, level = self.finer
-                there = values_on(job, level, Again.of(made.printed), keys, ratio)
+                there = values_on(job, level, SimulatedPrint.of(made.printed), keys, ratio)
         except TorosError as caught:  # raised by all ranks or by none
             if job.comm.rank == 0:
                 log.warning("the finer mesh does not judge the print: %s", caught)
@@ -455,7 +455,9 @@ def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
     misses, shape = misses_of(made.case), made.shape[1]
     return {
         "metrics": made.metrics,
-        "answer": None if strains is None else Answer(strains, misses.strains_beyond(shape)),
+        "answer": None
+        if strains is None
+        else StrainResponse(strains, misses.strains_beyond(shape)),
         "of_metrics": misses.of_metrics(shape),
         "of_shape": misses.of_shape(shape),
         "missed": float(np.linalg.norm(misses(shape))),

@@ -26,7 +26,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.other_mesh import (
-    Again,
+    SimulatedPrint,
     coarser_levels,
     simulated_again,
     simulated_on,
@@ -109,7 +109,7 @@ def metric_errors(
     job: Job,
     level: Level,
     measures: Measures,
-    again: Again,
+    again: SimulatedPrint,
     whole: Pattern,
     known: Mapping[float, MeshValues] | None = None,
 ) -> MetricErrors:
@@ -180,7 +180,7 @@ def print_intervals(printed: PrintedDesign, coarser: Mapping[float, Case]) -> di
     require_kind("the problem of the print", problem, ShapeDesign, "a ShapeDesign")
     assert isinstance(problem, ShapeDesign)
     rules = problem.regularisation
-    measures, again = measures_of(problem, [*shape_of(made)]), Again.of(printed)
+    measures, again = measures_of(problem, [*shape_of(made)]), SimulatedPrint.of(printed)
     found = {1.0: values_of(*again.near, measures)}
     for ratio, case in coarser.items():
         try:
@@ -201,7 +201,7 @@ def values_of(pattern: Pattern, positions: Floats, measures: Measures) -> MeshVa
 
 
 def values_on(
-    job: Job, level: Level, again: Again, keys: Sequence[str], ratio: float
+    job: Job, level: Level, again: SimulatedPrint, keys: Sequence[str], ratio: float
 ) -> MeshValues:
     """Simulate a print on another mesh, as `simulated_on` does; return what it tells (collective).
 

@@ -18,7 +18,7 @@ from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Again, near_on_coarser
+from toros_fem.products.actuators.other_mesh import SimulatedPrint, near_on_coarser
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import Level
@@ -104,7 +104,7 @@ def print_of_lines(
         return LinePrint(case, regions, problem, made)
     problem = job.problem(fine, level)
 
-    again = Again(near, (case.whole.pattern, cleaned.regions), pressures)
+    again = SimulatedPrint(near, (case.whole.pattern, cleaned.regions), pressures)
 
     def start() -> Shape:
         return near if alike else near_on_coarser(job, level, again)

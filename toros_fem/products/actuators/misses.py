@@ -25,7 +25,7 @@ SMOOTH = (0.25, 0.5, 0.25)
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class StrainResponse:
     """Strains of cross-sections that were asked beyond the target's, and what the print has beyond.
 
     Attributes:
@@ -92,7 +92,7 @@ class Misses:
         ends = np.concatenate([off[:1], off, off[-1:]])
         return np.asarray(SMOOTH[0] * ends[:-2] + SMOOTH[1] * off + SMOOTH[2] * ends[2:])
 
-    def strains_to_ask(self, answers: Sequence[Answer]) -> Floats:
+    def strains_to_ask(self, answers: Sequence[StrainResponse]) -> Floats:
         """Return the strains to ask for next, beyond those of the target, (k, 6)."""
         goal = self.rod(self.case.goal)
         length = float(np.linalg.norm(goal.rest[-1] - goal.rest[0]))

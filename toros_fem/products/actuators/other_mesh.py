@@ -32,7 +32,7 @@ Printed = tuple[Pattern, Regions]
 
 
 @dataclass(frozen=True, eq=False)
-class Again:
+class SimulatedPrint:
     """What is simulated again, on another mesh.
 
     Attributes:
@@ -46,14 +46,16 @@ class Again:
     pressures: Sequence[float] | None
 
     @classmethod
-    def of(cls, printed: PrintedDesign) -> Again:
+    def of(cls, printed: PrintedDesign) -> SimulatedPrint:
         """Return a print that has an equilibrium, which is where it starts (collective)."""
         assert printed.evaluation is not None
         pressures = printed.evaluation.equilibrium.pressures
         return cls(_shape(printed.evaluation), (printed.pattern, printed.regions), pressures)
 
 
-def simulated_on(job: Job, level: Level, again: Again, ratio: float) -> Evaluation[Equilibrium]:
+def simulated_on(
+    job: Job, level: Level, again: SimulatedPrint, ratio: float
+) -> Evaluation[Equilibrium]:
     """Simulate a print on another mesh (collective).
 
     Args:
@@ -69,7 +71,7 @@ def simulated_on(job: Job, level: Level, again: Again, ratio: float) -> Evaluati
 
 
 def simulated_again(
-    comm: MPI.Comm, case: Case, rules: Regularisation, again: Again, ratio: float
+    comm: MPI.Comm, case: Case, rules: Regularisation, again: SimulatedPrint, ratio: float
 ) -> Evaluation[Equilibrium]:
     """Simulate a print on the mesh of a case, as `simulated_on` does (collective)."""
     if again.printed is not None:
@@ -99,7 +101,7 @@ def coarser_levels(scene: DesignScene, level: Level) -> dict[float, Level]:
     return found
 
 
-def near_on_coarser(job: Job, level: Level, again: Again) -> Shape:
+def near_on_coarser(job: Job, level: Level, again: SimulatedPrint) -> Shape:
     """Return the shape of a print on a coarser mesh, or the given one without any (collective).
 
     The steps from a far start are cheap there. The coarsest mesh comes first.

@@ -24,7 +24,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import follow_pressures
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
-from toros_fem.products.tables.loads import Results
+from toros_fem.products.tables.loads import ResultTable
 from toros_fem.results.frames.record import shown_skin, write_path
 from toros_fem.results.runs.warnings import notes_at
 
@@ -215,7 +215,7 @@ def write_curve(
     comm: MPI.Comm,
     folder: Path,
     printed: PrintedDesign,
-    config: Results,
+    config: ResultTable,
     measured: Sequence[Measurement] = (),
 ) -> CurveFigures | None:
     """Write curve.csv and frames, and return what they tell; None without a curve (collective).

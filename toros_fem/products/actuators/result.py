@@ -16,7 +16,7 @@ from toros_fem.results.summary import PrintedResult
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class SearchRecord:
     """How a design was searched.
 
     Attributes:
@@ -58,7 +58,7 @@ class Searched:
         return found
 
 
-class Tried(Protocol):
+class TrialResult(Protocol):
     """What the print was simulated at, beyond its curve."""
 
     NAME: ClassVar[str]  # its entry in summaries
@@ -91,10 +91,10 @@ class ActuatorResult(PrintedResult):
         corrections: How often it could be asked again for what its print missed.
     """
 
-    search: Searched
+    search: SearchRecord
     errors: MetricErrors | None = None
     curve: CurveFigures | None = None
-    trial: Tried | None = None
+    trial: TrialResult | None = None
     corrections: int = 0
 
     def with_errors(self, errors: MetricErrors) -> ActuatorResult:

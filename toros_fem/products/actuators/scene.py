@@ -31,12 +31,12 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import Cost, actuator_cost
 from toros_fem.products.actuators.designer import Designer
 from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
-from toros_fem.products.actuators.result import ActuatorResult, Tried
+from toros_fem.products.actuators.result import ActuatorResult, TrialResult
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
 from toros_fem.products.plausibility import Group, Inflated, with_lengths
-from toros_fem.products.tables.loads import Pressing, Results
+from toros_fem.products.tables.loads import PressureTable, ResultTable
 from toros_fem.products.tables.sheets import SkinSheets
-from toros_fem.products.tables.steps import Designing, Lines, Printer
+from toros_fem.products.tables.steps import DesignTable, LineTable, PrinterTable
 from toros_fem.results.console import print_step
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import journal_of
@@ -94,10 +94,10 @@ class DesignScene(Scene):
             or a tolerance of widths without densities.
     """
 
-    design: Designing = Designing()
-    lines: Lines = Lines()
-    print: Printer = Printer()
-    results: Results = Results()
+    design: DesignTable = DesignTable()
+    lines: LineTable = LineTable()
+    print: PrinterTable = PrinterTable()
+    results: ResultTable = ResultTable()
 
     DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
     # Measured values of the metrics, which are drawn beside the curves.
@@ -355,7 +355,7 @@ class DesignScene(Scene):
         output: Path,
         made: ActuatorResult,
         other: OnOtherMesh | None = None,
-    ) -> Tried | None:
+    ) -> TrialResult | None:
         """Simulate what the print is for, beyond its curve, and write the files of this.
 
         `other` simulates the print on another mesh, where the trial is repeated for the intervals
@@ -409,7 +409,7 @@ class ActuatorScene(DesignScene):
     """A kind of scenes: a skin of sheets under a pressure, its size and its quick variant."""
 
     material: SkinSheets = SkinSheets()
-    pressure: Pressing = Pressing()
+    pressure: PressureTable = PressureTable()
 
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
     START_STRAIN: ClassVar[float] = START_STRAIN

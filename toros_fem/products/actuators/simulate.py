@@ -30,7 +30,7 @@ from toros_fem.meshes.skin import sew
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Again, Printed
+from toros_fem.products.actuators.other_mesh import Printed, SimulatedPrint
 from toros_fem.results.console import print_step, with_progress
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import write_summary
@@ -143,7 +143,7 @@ def simulate_actuator(
         last, measures = points[-1].result, {m.key: m.measure for m in made.judged}
         errors = MetricErrors(failure="a file of triangles has no polygons to print anew.")
         if pattern is None or regions is not None:
-            again = Again((made.pattern, points[-1].positions), regions, last.pressures)
+            again = SimulatedPrint((made.pattern, points[-1].positions), regions, last.pressures)
             job = Job(comm, scene)
             errors = metric_errors(job, level, measures, again, made.whole.pattern)
         found = replace(found, errors=errors, intervals=errors.intervals, told=errors.told)

@@ -17,7 +17,7 @@ from toros_fem.products.fitting.result import FitResult, estimates_of
 from toros_fem.products.fitting.robust_fit import (
     Model,
     Problem,
-    Solution,
+    RobustFit,
     minimise,
     remembered,
     robust_fit,
@@ -109,7 +109,7 @@ class _Fit:
             doubts=self.doubts,
         )
 
-    def _moved(self, solution: Solution, draws: int) -> Floats:
+    def _moved(self, solution: RobustFit, draws: int) -> Floats:
         """Return by how much parameters move with the origins of the tests, (draws, p)."""
         rng, found = np.random.default_rng(self.options.seed + 1), np.zeros(len(solution.theta))
         moved = np.tile(found, (draws, 1))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.products.fitting.robust_fit import Problem, Solution, minimise
+from toros_fem.products.fitting.robust_fit import Problem, RobustFit, minimise
 from toros_fem.products.fitting.samples import Samples
 
 CONFIDENCE = 0.95
@@ -27,7 +27,7 @@ BIAS = 3.0
 
 
 def drawn_again(
-    problem: Problem, solution: Solution, samples: Samples, draws: int, seed: int
+    problem: Problem, solution: RobustFit, samples: Samples, draws: int, seed: int
 ) -> Floats:
     """Return parameters fitted to data drawn again, (draws, p).
 

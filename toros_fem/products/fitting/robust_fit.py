@@ -45,7 +45,7 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class RobustFit:
     """Parameters at the minimum of the loss.
 
     Attributes:
@@ -66,7 +66,7 @@ def remembered(model: Model) -> Model:
     return lambda theta: known(theta.tobytes())
 
 
-def robust_fit(problem: Problem, starts: Sequence[Floats], rounds: int = 4) -> Solution:
+def robust_fit(problem: Problem, starts: Sequence[Floats], rounds: int = 4) -> RobustFit:
     """Return the fit of the smallest loss from several starts.
 
     Standard deviations follow from the residuals, and parameters from them, in turns: `rounds`.
@@ -81,7 +81,7 @@ def robust_fit(problem: Problem, starts: Sequence[Floats], rounds: int = 4) -> S
             own = problem.groups == group
             sigma = np.where(own, _spread(residuals[own], kept, problem.loss), sigma)
         theta = minimise(problem, theta, sigma)[0]
-    return Solution(theta, sigma, *problem.model(theta))
+    return RobustFit(theta, sigma, *problem.model(theta))
 
 
 def minimise(problem: Problem, start: Floats, sigma: Floats) -> tuple[Floats, float]:

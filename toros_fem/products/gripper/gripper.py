@@ -43,11 +43,11 @@ from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.gripper.lift import ALONG, TOWARD, solid
-from toros_fem.products.gripper.load import Lifted, grip_of, lift, lift_figures
+from toros_fem.products.gripper.load import LiftResult, grip_of, lift, lift_figures
 from toros_fem.products.plausibility import Group, Inflated, angle_group
-from toros_fem.products.tables.loads import Contacts, Pressing
+from toros_fem.products.tables.loads import ContactTable, PressureTable
 from toros_fem.products.tables.sheets import SkinSheets
-from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.steps import DesignTable
 
 WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees
 FINGERS = {"sphere": 3, "box": 4}  # as many as its sides, so that each finger does the same
@@ -150,13 +150,13 @@ class GripperScene(ActuatorScene):
     skin: FingerSizes = FingerSizes()
     material: SkinSheets = SkinSheets(seams="hinged")
     # The paper states none.
-    pressure: Pressing = Pressing(pressure=15e3)
-    contact: Contacts = Contacts(friction=0.6)
+    pressure: PressureTable = PressureTable(pressure=15e3)
+    contact: ContactTable = ContactTable(friction=0.6)
     objective: GripWeights = GripWeights(
         orientation_length=0.02, cross_sections=4, centreline_weight=0.3
     )
     # Steps that only raise the holding force are small.
-    design: Designing = Designing(levels=1, min_decrease=None, polish_iterations=40)
+    design: DesignTable = DesignTable(levels=1, min_decrease=None, polish_iterations=40)
 
     KIND: ClassVar = "gripper"
     FEW: ClassVar = (
@@ -369,7 +369,7 @@ class GripperScene(ActuatorScene):
         output: Path,
         made: ActuatorResult,
         other: OnOtherMesh | None = None,
-    ) -> Lifted | None:
+    ) -> LiftResult | None:
         """Let the gripper lift its object (collective)."""
         if self.object.lift_distance is None:
             return None

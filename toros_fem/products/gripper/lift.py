@@ -84,13 +84,13 @@ def write_lift(
         return in_room(body.points, axis, 0.0) + [0.0, 0.0, height]
 
     def draw() -> None:
-        from toros_fem.results.pictures.raster import Surface
+        from toros_fem.results.pictures.raster import DrawnSurface
         from toros_fem.results.pictures.shapes import plot_states
         from toros_fem.results.pictures.shown import DrawnSkin
         from toros_fem.results.pictures.style import BODY
         from toros_fem.results.pictures.view import View
 
-        stand = Surface(post.triangles, post.points, BODY, closed=True)
+        stand = DrawnSurface(post.triangles, post.points, BODY, closed=True)
         states = []
         for density, row in rows:
             # The print itself is drawn where there is one.
@@ -104,7 +104,9 @@ def write_lift(
                         name,
                         [
                             *drawn.surfaces(fingers_of(positions, raised)),
-                            Surface(body.triangles, object_of(raised - sunk), BODY, closed=True),
+                            DrawnSurface(
+                                body.triangles, object_of(raised - sunk), BODY, closed=True
+                            ),
                             stand,
                         ],
                     )

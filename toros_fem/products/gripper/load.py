@@ -69,7 +69,7 @@ class LiftFigures:
 
 
 @dataclass(frozen=True)
-class Lifted:
+class LiftResult:
     """An object that is lifted, by the print and by the initial design.
 
     Attributes:
@@ -156,7 +156,7 @@ class Grip:
             return density
         return np.tile(problem.whole.at_cells(density), self.scene.fingers)
 
-    def pull_of(self, made: Evaluation[Equilibrium]) -> Pull:
+    def pull_of(self, made: Evaluation[Equilibrium]) -> ObjectPull:
         """Pull the object out of fingers with the print of a simulation."""
         problem, at = made.problem, made.equilibrium
         assert isinstance(problem, ShapeDesign)
@@ -165,7 +165,7 @@ class Grip:
         start = None if self.finger is None else at.state
         return self.pull(density, at.pressures, start)
 
-    def pull(self, density: Floats, pressures: Sequence[float], start: Floats | None) -> Pull:
+    def pull(self, density: Floats, pressures: Sequence[float], start: Floats | None) -> ObjectPull:
         """Pull the object out of the fingers: to the limit, and all the way if it drops.
 
         Args:
@@ -187,11 +187,11 @@ class Grip:
                 if point.depth >= limit and self.slip(points) is not None:
                     return
 
-        return Pull(self, density, *until_failure(path()))
+        return ObjectPull(self, density, *until_failure(path()))
 
 
 @dataclass(frozen=True, eq=False)
-class Pull:
+class ObjectPull:
     """What one design does to the object.
 
     Attributes:
@@ -289,7 +289,7 @@ def lift(
     scene: GripperScene,
     design: ActuatorResult,
     other: OnOtherMesh | None,
-) -> Lifted:
+) -> LiftResult:
     """Let the printed gripper lift its object, and the initial design too (collective).
 
     `other` is that of `ActuatorScene.trial`.
@@ -311,7 +311,7 @@ def lift(
     if not figures.failure:
         intervals = trial_intervals(comm, scene, lift_figures(figures, {}), other)
     who = scene.object.mass, scene.contact.friction, scene.fingers
-    lifted = Lifted(*who, figures, first.figures, intervals)
+    lifted = LiftResult(*who, figures, first.figures, intervals)
     pulls = {"initial design": first, "as printed": pull}
     if rows := [each.row(name) for name, each in pulls.items() if each.points]:
         pattern, copies, regions = problem.whole.pattern, scene.fingers, list(printed.regions)

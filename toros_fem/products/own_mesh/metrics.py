@@ -35,7 +35,7 @@ LENGTH_SCALE = 0.2
 WORDS = re.compile(r"\s*(?P<measure>\S+)\s+of\s+(?P<of>.+?)(?:\s+against\s+(?P<against>.+))?\s*")
 
 
-class Measured(Table):
+class MetricTable(Table):
     """A number to judge by: how a region has turned or moved.
 
     Raises:
@@ -151,7 +151,9 @@ class Measured(Table):
         ]
 
 
-def judged_by(entries: Sequence[Measured], axis: BodyAxis, known: Sequence[Metric]) -> list[Metric]:
+def judged_by(
+    entries: Sequence[MetricTable], axis: BodyAxis, known: Sequence[Metric]
+) -> list[Metric]:
     """Return known metrics and those of entries; names that nobody gave are numbered if taken."""
     found = list(known)
     for entry in entries:

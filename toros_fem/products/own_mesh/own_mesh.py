@@ -32,11 +32,11 @@ from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import half_edges, lengths
 from toros_fem.products.actuators.scene import SOURCE, ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
-from toros_fem.products.own_mesh.metrics import Measured, judged_by
+from toros_fem.products.own_mesh.metrics import MetricTable, judged_by
 from toros_fem.products.own_mesh.regions import Region
 from toros_fem.products.plausibility import Group, Inflated, bend_strain
 from toros_fem.products.tables.loads import SectionWeights
-from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.steps import DesignTable
 from toros_fem.products.tables.targets import (
     BendAngle,
     Shortening,
@@ -78,7 +78,7 @@ class Plain(Region):
     """Where nothing is printed."""
 
 
-class Deformed(Table):
+class OwnTarget(Table):
     """Shape that is asked for."""
 
     bend: BendAngle | None = bend_key(None)
@@ -189,7 +189,7 @@ class OwnWeights(SectionWeights):
         return self.shape_part(whole, tip, tip, float(radius))
 
 
-class OwnDesigning(Designing):
+class OwnDesignTable(DesignTable):
     """Steps, filter and start of the design."""
 
     filter_radius: Length | None = key(  # type: ignore[assignment]
@@ -241,14 +241,14 @@ class OwnSkin:
 class OwnMeshScene(ActuatorScene):
     """A skin of your own."""
 
-    target: Deformed = Deformed()
+    target: OwnTarget = OwnTarget()
     skin: MeshFile = MeshFile()
     held: tuple[Held, ...] = ()
     printed: tuple[Printed, ...] = ()
     plain: tuple[Plain, ...] = ()
     objective: OwnWeights = OwnWeights()
-    metric: tuple[Measured, ...] = ()
-    design: OwnDesigning = OwnDesigning()
+    metric: tuple[MetricTable, ...] = ()
+    design: OwnDesignTable = OwnDesignTable()
 
     KIND: ClassVar = "own-mesh"
     # A section that is not round resists the pressure too. From less, designs climb to the pressure

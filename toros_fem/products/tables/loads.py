@@ -27,7 +27,7 @@ from toros_fem.measures.shape import ShapePart
 from toros_fem.meshes.pattern import Pattern
 
 
-class Pressing(Table):
+class PressureTable(Table):
     """Pressure."""
 
     pressure: Pressure = key(
@@ -38,7 +38,7 @@ class Pressing(Table):
     )
 
 
-class Contacts(Table):
+class ContactTable(Table):
     """Contact and friction."""
 
     friction: Positive | None = key(
@@ -110,7 +110,7 @@ class SectionWeights(TipWeights):
         return CrossSections(labels, np.outer(fraction, components), orientation)
 
 
-class Results(Table):
+class ResultTable(Table):
     """What is simulated of the print, and what counts as reached."""
 
     estimate_error: Flag = key(

@@ -33,7 +33,7 @@ from toros_fem.making.print.printability import PrintLimits
 STARTS = ("random", "relaxed")
 
 
-class Filtering(Table):
+class FilterTable(Table):
     """Steps, filter and start of the design."""
 
     seed: Number = key(2, "seed of the random start")
@@ -65,7 +65,7 @@ class Filtering(Table):
         return Projection(self.beta, self.eta, self.power)
 
 
-class Stepping(Table):
+class StepTable(Table):
     """Steps, filter and start of the design."""
 
     start: Annotated[str, OneOf(STARTS)] = key(
@@ -120,11 +120,11 @@ class Stepping(Table):
     )
 
 
-class Designing(Filtering, Stepping):
+class DesignTable(FilterTable, StepTable):
     """Steps, filter and start of the design."""
 
     NEEDS: ClassVar[Mapping[str, Need]] = {
-        **Filtering.NEEDS,
+        **FilterTable.NEEDS,
         **dict.fromkeys(("levels", "iterations"), ("start", ("random",))),
     }
 
@@ -178,7 +178,7 @@ class Designing(Filtering, Stepping):
         )
 
 
-class Lines(Table):
+class LineTable(Table):
     """Relaxed designs and their printable lines."""
 
     relaxed_edge_length: Length = key(4e-3, "edge length of the relaxed design's mesh")
@@ -240,7 +240,7 @@ class Lines(Table):
         return self.laid_width, second
 
 
-class Printer(Table):
+class PrinterTable(Table):
     """Printer."""
 
     print_width: Length = key(0.6e-3, "thinnest line and gap that the printer makes")

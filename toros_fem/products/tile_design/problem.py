@@ -23,7 +23,7 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.skin import sew
 from toros_fem.products.tables.sheets import Sheets
-from toros_fem.products.tables.steps import Filtering, Printer
+from toros_fem.products.tables.steps import FilterTable, PrinterTable
 from toros_fem.products.tiles.stiffness_profile import (
     Profile,
     ProfileObjective,
@@ -33,13 +33,13 @@ from toros_fem.products.tiles.stiffness_profile import (
 )
 
 
-class Pull(Table):
+class PullTable(Table):
     """Pull test."""
 
     strain: Annotated[float, In(above=-1)] = key(0.1, "strain λ − 1 at which stiffness is computed")
 
 
-class Searching(Filtering):
+class Searching(FilterTable):
     """Steps, filter and start of the design.
 
     A printed stiffness within `tolerance` of its target needs no correction. A design ends early
@@ -83,9 +83,9 @@ class TileDesignScene(Scene):
     """Strain, materials, search and printer of a tile design."""
 
     material: Sheets = Sheets()
-    pull: Pull = Pull()
+    pull: PullTable = PullTable()
     design: Searching = Searching(filter_radius=0.7e-3)
-    print: Printer = Printer(island_area=0.1e-6)
+    print: PrinterTable = PrinterTable(island_area=0.1e-6)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.result import Tolerances, Variant
+from toros_fem.products.tolerance.result import ToleranceResult, Variant
 from toros_fem.products.tolerance.simulated import simulated_tolerances
 from toros_fem.results.frames.files import FOLDER, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
@@ -39,7 +39,7 @@ def tolerances_of_run(
     scene: ActuatorScene,
     files: Mapping[str, Path],
     config: ToleranceConfig | None = None,
-) -> Tolerances:
+) -> ToleranceResult:
     """Return how a finished design moves if it is not made as drawn (collective).
 
     The simulation starts from the shape of the print that the run has stored. The files are those
@@ -101,7 +101,7 @@ def _shape(folder: Path) -> tuple[Pattern, Floats] | None:
     return part, positions
 
 
-def write_tolerances(comm: MPI.Comm, folder: Path | str, found: Tolerances) -> None:
+def write_tolerances(comm: MPI.Comm, folder: Path | str, found: ToleranceResult) -> None:
     """Write tolerance.json, tolerance.csv and tolerance.png into a folder (collective).
 
     Raises:
@@ -117,7 +117,7 @@ def write_tolerances(comm: MPI.Comm, folder: Path | str, found: Tolerances) -> N
     guarded(comm, folder, write)
 
 
-def by_size(found: Tolerances) -> list[list[Variant]]:
+def by_size(found: ToleranceResult) -> list[list[Variant]]:
     """Return the variants of each quantity and amount, those that move the first metric most last.
 
     A variant without an equilibrium counts as the largest.
@@ -134,7 +134,7 @@ def by_size(found: Tolerances) -> list[list[Variant]]:
     return sorted(pairs, key=size)
 
 
-def plot_tolerances(path: Path, found: Tolerances) -> None:
+def plot_tolerances(path: Path, found: ToleranceResult) -> None:
     """Write a picture of how each metric moves, a bar for each variant (one rank)."""
     from toros_fem.results.pictures.style import (
         ACCENT,

@@ -63,7 +63,7 @@ class Variant:
 
 
 @dataclass(frozen=True, eq=False)
-class Tolerances:
+class ToleranceResult:
     """What a skin does that is not made as drawn.
 
     Attributes:

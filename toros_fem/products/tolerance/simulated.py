@@ -29,7 +29,7 @@ from toros_fem.meshes.moving import border_motion, with_flat_points
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.result import OBJECTIVE, Tolerances, Variant
+from toros_fem.products.tolerance.result import OBJECTIVE, ToleranceResult, Variant
 
 # Parts of the materials that may be off: what they are called, and material and field.
 STIFFNESSES = (
@@ -42,7 +42,7 @@ STIFFNESSES = (
 
 def tolerances(
     problem: ShapeDesign, printed: PrintedDesign, config: ToleranceConfig | None = None
-) -> Tolerances:
+) -> ToleranceResult:
     """Return how a printed design moves if it is not made as drawn (collective).
 
     The print is simulated on a mesh along its borders. Where lines are wider or narrower,
@@ -87,7 +87,7 @@ def simulated_tolerances(
     near: tuple[Pattern, Floats] | None,
     pressures: Sequence[float],
     own_mesh: Mapping[str, float],
-) -> Tolerances:
+) -> ToleranceResult:
     """Return the same of a problem that is on a mesh along the print (collective).
 
     Args:
@@ -108,7 +108,7 @@ def simulated_tolerances(
     middle = time.perf_counter()
     variants = tuple(study.variants(config or ToleranceConfig()))
     as_drawn = on_first_rank(problem.comm, lambda: printability(*whole, limits))
-    return Tolerances(
+    return ToleranceResult(
         metrics=tuple(problem.metrics),
         nominal=study.nominal,
         own_mesh=own_mesh,

@@ -19,7 +19,7 @@ from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes.targets import bend
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated, bend_strain
-from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.steps import DesignTable
 from toros_fem.products.tables.targets import BendAngle, bend_key
 from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric
 
@@ -48,7 +48,7 @@ class BendScene(TubeScene):
     skin: SymmetricTube = SymmetricTube()
     # With a perimeter: fewer islands, a shorter border, and nearer to the target
     # (docs/optimisation.md).
-    design: Designing = Designing(perimeter_weight=1e-4)
+    design: DesignTable = DesignTable(perimeter_weight=1e-4)
 
     KIND: ClassVar = "bend"
     FEW: ClassVar = (

@@ -15,7 +15,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.meshes.targets import bend, compose, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
-from toros_fem.products.tables.steps import Lines
+from toros_fem.products.tables.steps import LineTable
 from toros_fem.products.tables.targets import TwistAngle, twist_key
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric, twist_metric
@@ -33,7 +33,9 @@ class BendTwistScene(SectionTubeScene):
     target: BendTwistTarget = BendTwistTarget(angle=90.0)
     # Many lines, also where few are asked for, and with room for other widths: of a few wide ones
     # each decides about the shape.
-    lines: Lines = Lines(share_weight=1e-3, relaxed_iterations=60, least_share=0.012, spread=2.0)
+    lines: LineTable = LineTable(
+        share_weight=1e-3, relaxed_iterations=60, least_share=0.012, spread=2.0
+    )
 
     KIND: ClassVar = "bend-twist"
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "laid_width": 1.0, "second_laid_width": 1.0}

@@ -18,7 +18,7 @@ from toros_fem.meshes.targets import contract
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import SectionWeights
-from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.steps import DesignTable
 from toros_fem.products.tables.targets import Shortening, shortening_key
 from toros_fem.products.tubes.tube import (
     SectionTubeScene,
@@ -40,7 +40,7 @@ class ContractScene(SectionTubeScene):
     target: ContractTarget = ContractTarget()
     skin: SymmetricTube = SymmetricTube()
     objective: SectionWeights = SectionWeights(tip_weight=10.0)
-    design: Designing = Designing(start="relaxed", corrections=8, iterations=90)
+    design: DesignTable = DesignTable(start="relaxed", corrections=8, iterations=90)
 
     KIND: ClassVar = "contract"
     FEW: ClassVar = ("contraction", "length", "diameter", "edge_length", "pressure", "seed")

@@ -31,7 +31,7 @@ from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import SectionWeights, TipWeights
-from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.steps import DesignTable
 
 # Number of edges around the tube on the coarsest of several meshes: from one with 11 the bend came
 # out with lines twice as wide, and T half as large again. The same along a tube that is short.
@@ -149,7 +149,7 @@ class SectionTubeScene(TubeScene):
 
     objective: SectionWeights = SectionWeights()
     # From noise, densities of these tubes end in traps.
-    design: Designing = Designing(start="relaxed", corrections=8)
+    design: DesignTable = DesignTable(start="relaxed", corrections=8)
 
     def part(self, pattern: Pattern) -> Part:
         """Return the objective of a whole tube: positions and orientations of its cross-sections.

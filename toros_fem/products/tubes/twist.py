@@ -20,7 +20,7 @@ from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes.targets import compose, contract, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
-from toros_fem.products.tables.loads import Pressing, SectionWeights
+from toros_fem.products.tables.loads import PressureTable, SectionWeights
 from toros_fem.products.tables.targets import TwistAngle, twist_key
 from toros_fem.products.tubes.tube import SectionTubeScene, length_metric, twist_metric
 
@@ -47,7 +47,7 @@ class TwistScene(SectionTubeScene):
     """The twisting tube."""
 
     target: TwistTarget = TwistTarget()
-    pressure: Pressing = Pressing(pressure=15e3)
+    pressure: PressureTable = PressureTable(pressure=15e3)
     objective: SectionWeights = SectionWeights(axial_weight=60.0)
 
     KIND: ClassVar = "twist"

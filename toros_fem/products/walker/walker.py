@@ -44,9 +44,9 @@ from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.plausibility import Group, Inflated, angle_group
-from toros_fem.products.tables.loads import Contacts, Pressing, Results
+from toros_fem.products.tables.loads import ContactTable, PressureTable, ResultTable
 from toros_fem.products.tables.sheets import SkinSheets
-from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.steps import DesignTable
 from toros_fem.products.walker.gait import Gait, Walk, flat_on_ground, walk_of, write_gait
 
 AIMS = ("shape", "stride")
@@ -106,7 +106,7 @@ class WalkerSheets(SkinSheets):
     print_mass: Annotated[float, In("kg/m²", at_least=0)] = key(0.6, "mass of the print, by area")
 
 
-class Feet(Contacts):
+class Feet(ContactTable):
     """Contact and friction."""
 
     feet: Annotated[str, OneOf(tuple(PHASES))] = key(
@@ -120,7 +120,7 @@ class Feet(Contacts):
     pad_length: Length = key(0.015, "length of a leg's end that carries pads")
 
 
-class WalkerResults(Results):
+class WalkerResultTable(ResultTable):
     """What is simulated of the print."""
 
     gait_steps: Count | None = key(
@@ -140,11 +140,11 @@ class WalkerScene(ActuatorScene):
     target: LegTarget = LegTarget()
     skin: WalkerSizes = WalkerSizes()
     material: WalkerSheets = WalkerSheets(seams="hinged")
-    pressure: Pressing = Pressing(pressure=20e3)
+    pressure: PressureTable = PressureTable(pressure=20e3)
     contact: Feet = Feet(friction=0.8)
     objective: LegWeights = LegWeights()
-    design: Designing = Designing(levels=1, filter_radius=2.75e-3)
-    results: WalkerResults = WalkerResults()
+    design: DesignTable = DesignTable(levels=1, filter_radius=2.75e-3)
+    results: WalkerResultTable = WalkerResultTable()
 
     KIND: ClassVar = "walker"
     FEW: ClassVar = (

@@ -15,7 +15,7 @@ from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import axis_label, formatted, unit_of
 from toros_fem.results.pictures import style
 from toros_fem.results.pictures.words import Word, write_words
-from toros_fem.results.runs.run_folder import Curve
+from toros_fem.results.runs.run_folder import StoredCurve
 from toros_fem.results.runs.warnings import BEYOND
 
 PRESSURE = "pressure (kPa)"
@@ -27,7 +27,7 @@ SAME = 0.01
 COLOURS = (style.DARK, style.SECOND, style.SOFT, style.INK)
 
 
-def draw_curve(figure: Figure, curve: Curve, figures: Sequence[Told]) -> None:
+def draw_curve(figure: Figure, curve: StoredCurve, figures: Sequence[Told]) -> None:
     """Draw figures over the pressure on a page, those of different units below one another.
 
     Their intervals and targets are those at the pressure of the design.
@@ -49,12 +49,12 @@ def draw_curve(figure: Figure, curve: Curve, figures: Sequence[Told]) -> None:
     grid[-1].set_xlabel(pressure_label(curve))
 
 
-def pressure_label(curve: Curve) -> str:
+def pressure_label(curve: StoredCurve) -> str:
     """Return what stands below the axis of pressures of a curve."""
     return PRESSURE + (FINER if curve.finer else "")
 
 
-def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> None:
+def draw_over_pressure(axes: Axes, curve: StoredCurve, figures: Sequence[Told]) -> None:
     """Draw figures of one unit over the pressure in kPa, on the axes of a page."""
     rows = curve.rows
     at = [1e-3 * row["pressure_pa"] for row in rows]
@@ -92,7 +92,7 @@ def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> Non
     axes.set_ylabel(axis_label(figures))
 
 
-def last_tested(curve: Curve) -> int:
+def last_tested(curve: StoredCurve) -> int:
     """Return the number of the last row up to which the fabric was tested; that of all if unknown.
 
     The pressure rises with the rows, and the stretch hardly ever falls.
@@ -110,7 +110,7 @@ def _name(axes: Axes, at: tuple[float, float], name: str, colour: str) -> None:
 
 
 def _marks(
-    axes: Axes, told: Told, curve: Curve, colour: str, factor: float
+    axes: Axes, told: Told, curve: StoredCurve, colour: str, factor: float
 ) -> tuple[list[Word], list[Floats]]:
     """Draw a figure at the pressure of the design with its error, and values that were measured.
 

@@ -21,7 +21,7 @@ from toros_fem.results.frames.files import Frame
 from toros_fem.results.pictures.inflation import inflation_view
 from toros_fem.results.pictures.of_run import sentence, told_figures
 from toros_fem.results.pictures.shown import DrawnSkin
-from toros_fem.results.pictures.stage import Stage
+from toros_fem.results.pictures.stage import Axonometry
 from toros_fem.results.pictures.style import DARK, LETTERS, SOFT, TITLE
 from toros_fem.results.pictures.view import View
 from toros_fem.results.runs.run_folder import Run, read_run
@@ -125,7 +125,9 @@ def _pictures(run: Run, series: str, scenes: Sequence[Frame]) -> list[Bitmap.Ima
             if scene.density is not None:
                 drawn = DrawnSkin(run.skins[scene.skin], scene.density)
             figure = Figure(figsize=SIZE, dpi=DPI)
-            stage = Stage(figure, (0.01, 0.01, 0.98, 0.86), view, np.concatenate([places, *others]))
+            stage = Axonometry(
+                figure, (0.01, 0.01, 0.98, 0.86), view, np.concatenate([places, *others])
+            )
             if series == "gait" or drawn.skin.ground is not None:
                 stage.ground(float(places[:, 2].min()), places)
             stage.draw(drawn.surfaces(scene.positions))

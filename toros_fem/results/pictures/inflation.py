@@ -10,15 +10,15 @@ from matplotlib.figure import Figure
 
 from toros_fem.base.array_types import Floats
 from toros_fem.results.pictures.flat import draw_panels
-from toros_fem.results.pictures.raster import MARGIN, Surface, render, window_of
+from toros_fem.results.pictures.raster import MARGIN, DrawnSurface, render, window_of
 from toros_fem.results.pictures.shown import DrawnSkin
-from toros_fem.results.pictures.stage import Stage
+from toros_fem.results.pictures.stage import Axonometry
 from toros_fem.results.pictures.style import BAR_ROOM, INK, SOFT, TEXT, TITLE, Box, note
 from toros_fem.results.pictures.view import View
 from toros_fem.results.pictures.words import Word, write_words
 
 # States by their names, each with what is drawn of it.
-Scenes = Sequence[tuple[str, Sequence[Surface]]]
+Scenes = Sequence[tuple[str, Sequence[DrawnSurface]]]
 # Opacity of the first state, and of the last one but one.
 FIRST, BEFORE = 0.22, 0.5
 # Room for names of states beside and above them, in points.
@@ -89,7 +89,7 @@ def _draw_over(
     others = [body.points for body in scenes[-1][1][1:]] + ([] if target is None else [target])
     across, up = 72 * figure.get_size_inches() * box[2:]
     room = (BESIDE / across, BESIDE / across, 0.03, ABOVE_ALL / up)
-    stage = Stage(figure, box, view, np.concatenate([*placed, *others]), room)
+    stage = Axonometry(figure, box, view, np.concatenate([*placed, *others]), room)
     opacities = [*np.linspace(FIRST, BEFORE, len(scenes) - 1), 1.0]
     for (_, surfaces), opacity in zip(scenes, opacities, strict=True):
         stage.draw(surfaces, float(opacity))
@@ -127,7 +127,7 @@ def _draw_in_rows(
     wider = bar / rows.scale
     corners = np.array([rows.low - wider, rows.high + wider * [1, 0]])
     plane = view.directions[:2]
-    stage = Stage(figure, box, view, corners @ plane)
+    stage = Axonometry(figure, box, view, corners @ plane)
     for k, ((name, surfaces), move) in enumerate(zip(scenes, rows.moves @ plane, strict=True)):
         last = k == len(scenes) - 1
         stage.draw([replace(one, points=one.points + move) for one in surfaces])
@@ -142,7 +142,7 @@ def _draw_in_rows(
     stage.bar()
 
 
-def _covered(rest: Sequence[Surface], last: Sequence[Surface], view: View) -> float:
+def _covered(rest: Sequence[DrawnSurface], last: Sequence[DrawnSurface], view: View) -> float:
     """Return which part of a skin at rest is covered by another state that is before it."""
     points = np.concatenate([one.points for one in (*rest, *last)])
     window = window_of(view.project(points), 1.0, ROUGH)

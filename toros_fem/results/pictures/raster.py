@@ -96,7 +96,7 @@ def _filled(region: BaseGeometry, low: Floats, scale: float, size: tuple[int, in
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class DrawnSurface:
     """Triangles in space, (t, 3), counter-clockwise from outside, with a colour.
 
     Attributes:
@@ -158,7 +158,9 @@ def window_of(points: Floats, aspect: float, width: int) -> Window:
     return Window(middle - half, middle + half, (width, round(width / aspect)))
 
 
-def render(surfaces: Sequence[Surface], view: View, window: Window, *, cut: bool = True) -> Image:
+def render(
+    surfaces: Sequence[DrawnSurface], view: View, window: Window, *, cut: bool = True
+) -> Image:
     """Return a picture of surfaces, those behind hidden by those before, in a window.
 
     It is cut to what the surfaces cover, if it may be.
@@ -235,7 +237,7 @@ def _fragments(pixels: Floats, triangles: Ints, size: tuple[int, int]) -> tuple[
     return place[inside], triangles[owner[inside]], weights[inside]
 
 
-def corner_normals(surface: Surface) -> Floats:
+def corner_normals(surface: DrawnSurface) -> Floats:
     """Return the unit normal at each corner of each triangle, (t, 3, 3): smooth but at creases."""
     face = surface_normals(surface.points, surface.triangles)
     vertex = np.zeros_like(surface.points)
@@ -263,7 +265,7 @@ def _shade(normals: Floats, view: View) -> Floats:
     return np.asarray((SHADE + LIT * lit + FILLED * filled) * np.where(behind, INSIDE, 1.0))
 
 
-def _inked(surface: Surface, triangles: Ints, weights: Floats) -> Floats:
+def _inked(surface: DrawnSurface, triangles: Ints, weights: Floats) -> Floats:
     """Return the colours of points of a surface, (k, 3), without light."""
     colour = surface.colour
     if colour.ndim == 3:

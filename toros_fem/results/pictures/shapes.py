@@ -20,9 +20,9 @@ from toros_fem.measures.figures import State, overall, worst_of
 from toros_fem.measures.miss import DIRECTION, DISTANCE, Miss, Tip, is_of_shape, shape_figures
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures import style
-from toros_fem.results.pictures.raster import MARGIN, Surface
+from toros_fem.results.pictures.raster import MARGIN, DrawnSurface
 from toros_fem.results.pictures.shown import DrawnSkin
-from toros_fem.results.pictures.stage import Stage, ground_below
+from toros_fem.results.pictures.stage import Axonometry, ground_below
 from toros_fem.results.pictures.style import ACCENT, DARK, EDGE, INK, SOFT, TEXT
 from toros_fem.results.pictures.view import View
 from toros_fem.results.pictures.words import Word, write_words
@@ -90,11 +90,11 @@ class Scenery:
             return np.empty((0, 3))
         return tip.at + RAY * self.miss.length * np.stack([tip.along, tip.asked_along])
 
-    def show(self, figure: Figure, box: style.Box, view: View, framed: Floats) -> Stage:
+    def show(self, figure: Figure, box: style.Box, view: View, framed: Floats) -> Axonometry:
         """Draw it in a box in inches, so that points (m, 3), in m, are seen."""
         size = np.tile(figure.get_size_inches(), 2)
         left, bottom, width, height = (np.array(box) / size).tolist()
-        stage = Stage(figure, (left, bottom, width, height), view, framed, ROOM)
+        stage = Axonometry(figure, (left, bottom, width, height), view, framed, ROOM)
         image = stage.draw(self.drawn.surfaces(self.positions))
         if self.target is not None:
             stage.lines(self.drawn, self.positions, image, style.EDGE)
@@ -148,7 +148,9 @@ def draw_shape(
     _mark_held(main, drawn, shown.positions)
 
 
-def _views(figure: Figure, shown: Scenery, free: float) -> tuple[Stage, Stage, Stage]:
+def _views(
+    figure: Figure, shown: Scenery, free: float
+) -> tuple[Axonometry, Axonometry, Axonometry]:
     """Draw two views: from the side, and obliquely or, of a slender upright body, its free end.
 
     An oblique view of such a body shows no more. The second view stands beside the first, or below
@@ -190,7 +192,7 @@ def _end(drawn: DrawnSkin) -> Bools:
     return np.asarray(height > height.max() - ENLARGED * np.ptp(height))
 
 
-def _mark_tip(stage: Stage, miss: Miss, tip: Tip) -> tuple[list[Word], list[Floats]]:
+def _mark_tip(stage: Axonometry, miss: Miss, tip: Tip) -> tuple[list[Word], list[Floats]]:
     """Draw an arrow from where a tip should be to where it is, and both directions there.
 
     The directions are drawn where at least half of the angle between them is seen. What belongs
@@ -224,7 +226,7 @@ def _word(text: str, at: Floats) -> Word:
     return Word(text, (float(at[0]), float(at[1])), style.ACCENT, bold=True)
 
 
-def _mark_held(stage: Stage, drawn: DrawnSkin, positions: Floats) -> None:
+def _mark_held(stage: Axonometry, drawn: DrawnSkin, positions: Floats) -> None:
     """Mark a flat end that stays where it is, as drawings of beams do."""
     rest = drawn.pattern.points
     size = float(np.ptp(rest, axis=0).max())
@@ -265,7 +267,7 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
     )
     side, oblique = drawn.views(shown.positions)
     for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
-        stage = Stage(figure, box, view, shown.framed, ROOM)
+        stage = Axonometry(figure, box, view, shown.framed, ROOM)
         stage.draw(drawn.surfaces(shown.positions, colours))
         stage.outline(drawn, target)
         if view == side:
@@ -278,7 +280,7 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
 
 def plot_states(
     path: Path,
-    rows: Sequence[Sequence[tuple[str, Sequence[Surface]]]],
+    rows: Sequence[Sequence[tuple[str, Sequence[DrawnSurface]]]],
     view: View,
     title: str = "",
     ground: float | None = None,
@@ -316,7 +318,7 @@ def plot_states(
             corners = np.stack([middle - half, middle + half]) @ view.directions[:2]
             for i, (name, surfaces) in enumerate(row):
                 box = (i / across, (top - deep) / page, 1 / across, deep / page)
-                stage = Stage(figure, box, view, corners)
+                stage = Axonometry(figure, box, view, corners)
                 if ground is not None:
                     stage.ground(ground, every)
                 stage.draw(surfaces)

@@ -12,7 +12,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.meshes.triangles import equilateral_edge
 from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.pictures.raster import Image, Ink, Surface, ink_of
+from toros_fem.results.pictures.raster import DrawnSurface, Image, Ink, ink_of
 from toros_fem.results.pictures.style import BODY, FABRIC, PRINT
 from toros_fem.results.pictures.view import View, oblique_view, side_view
 
@@ -74,12 +74,14 @@ class DrawnSkin:
             lines += [(cells[triangle[k]], weights[k]) for k in parts if len(k) > 1]
         return lines
 
-    def surfaces(self, positions: Floats, colours: Floats | None = None) -> list[Surface]:
+    def surfaces(self, positions: Floats, colours: Floats | None = None) -> list[DrawnSurface]:
         """Return the skin at positions of all vertices, (n, 3), in m, and the body beside it.
 
-        Colours, as of a `Surface`, take the place of fabric and print.
+        Colours, as of a `DrawnSurface`, take the place of fabric and print.
         """
-        skin = Surface(self.pattern.triangles, positions, FABRIC, self.ink, closed=self._closed)
+        skin = DrawnSurface(
+            self.pattern.triangles, positions, FABRIC, self.ink, closed=self._closed
+        )
         if colours is not None:
             skin = replace(skin, colour=colours, contrast=DATA, ink_shade=DARKER)
         elif self.ink is None:
@@ -87,7 +89,7 @@ class DrawnSkin:
         drawn = [skin]
         if self.skin.body is not None:
             points, triangles = self.skin.body
-            drawn.append(Surface(triangles, points, BODY, closed=True))
+            drawn.append(DrawnSurface(triangles, points, BODY, closed=True))
         return drawn
 
     def views(self, positions: Floats) -> tuple[View, View]:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from toros_fem.base.array_types import Floats
-from toros_fem.results.pictures.raster import Image, Surface, Window, render, window_of
+from toros_fem.results.pictures.raster import DrawnSurface, Image, Window, render, window_of
 from toros_fem.results.pictures.shown import DrawnSkin, visible
 from toros_fem.results.pictures.style import ACCENT, DPI, GROUND, Box, bar_length, note, scale_bar
 from toros_fem.results.pictures.view import View
@@ -28,7 +28,7 @@ def ground_below(points: Floats, height: float) -> Floats:
     )
 
 
-class Stage:
+class Axonometry:
     """A part of a page with a view in space of points (n, 3), in m, that must be seen.
 
     Further room around them is left at the left, right, bottom and top, over their extent.
@@ -62,7 +62,7 @@ class Stage:
         """Points in mm, (n, 2), close to each other, of all that surfaces and outlines cover."""
         return np.concatenate([np.zeros((0, 2)), *self._covered])
 
-    def draw(self, surfaces: Sequence[Surface], opacity: float = 1.0) -> Image:
+    def draw(self, surfaces: Sequence[DrawnSurface], opacity: float = 1.0) -> Image:
         """Draw surfaces, and return their picture."""
         image = render(surfaces, self.view, self.window)
         (left, low), (right, high) = 1e3 * image.window.low, 1e3 * image.window.high

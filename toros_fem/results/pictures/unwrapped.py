@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from toros_fem.base.array_types import Floats
 from toros_fem.meshes.surfaces.unwrap import Unwrapped
-from toros_fem.results.pictures.raster import Image, Surface
+from toros_fem.results.pictures.raster import DrawnSurface, Image
 from toros_fem.results.pictures.shown import visible
-from toros_fem.results.pictures.stage import Stage
+from toros_fem.results.pictures.stage import Axonometry
 from toros_fem.results.pictures.style import INK, SIGNED, bar_below, write_title
 from toros_fem.results.pictures.view import View
 
@@ -39,10 +39,10 @@ def draw_unwrapped(figure: Figure, unwrapped: Unwrapped) -> None:
         f"{100 * distortion.mean_stretch:.1f} % on average",
     )
     closed = len(pattern.free_edges) == 0
-    surface = Surface(pattern.triangles, pattern.points, colours, contrast=0.6, closed=closed)
+    surface = DrawnSurface(pattern.triangles, pattern.points, colours, contrast=0.6, closed=closed)
     for k, view in enumerate(VIEWS):
         box = (0.01, 0.46 - 0.44 * k, 0.34, 0.43)
-        stage = Stage(figure, box, view, pattern.points)
+        stage = Axonometry(figure, box, view, pattern.points)
         _draw_seams(stage, unwrapped, stage.draw([surface]))
     axes = figure.add_axes((0.37, 0.14, 0.61, 0.75))
     axes.set_axis_off()
@@ -64,7 +64,7 @@ def draw_unwrapped(figure: Figure, unwrapped: Unwrapped) -> None:
     bar.set_label("area on the surface / flat area")
 
 
-def _draw_seams(stage: Stage, unwrapped: Unwrapped, image: Image) -> None:
+def _draw_seams(stage: Axonometry, unwrapped: Unwrapped, image: Image) -> None:
     """Draw the seams and free edges that are seen."""
     pattern = unwrapped.pattern
     ends = pattern.points[np.concatenate([unwrapped.seams, pattern.free_edges])]

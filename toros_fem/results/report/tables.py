@@ -33,7 +33,7 @@ Pairs = list[tuple[str, str]]
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """Rows of text under their heads; columns in which no row says anything are left out."""
 
     head: Sequence[str]
@@ -69,7 +69,7 @@ def as_shown(key: str, value: float) -> tuple[str, str]:
     return parts[0].replace("_", " "), formatted(value, parts[1])
 
 
-def key_figures(run: Run) -> Table:
+def key_figures(run: Run) -> TextTable:
     """Return the metrics with error estimates, targets, and what the design had."""
     entries = run.summary.entries
     columns = dict.fromkeys(key for rows in (run.history, run.curve) for row in rows for key in row)
@@ -92,7 +92,7 @@ def key_figures(run: Run) -> Table:
             ]
         )
     value = "value" if run.summary and "design" not in entries else "as printed"
-    return Table(["", value, "interval", "target", "as designed", "state"], rows)
+    return TextTable(["", value, "interval", "target", "as designed", "state"], rows)
 
 
 def _designed(summary: Summary) -> Mapping[str, Any]:
@@ -133,7 +133,7 @@ def as_text(summary: Summary) -> str:
         for figure in figures
     ]
     value = "as printed" if "design" in entries or entries.get("pattern") else "value"
-    table = Table(["", value, "target", "as designed", "state"], rows)
+    table = TextTable(["", value, "target", "as designed", "state"], rows)
     widths = [max(map(len, column)) for column in zip(table.head, *table.rows, strict=True)]
     lines = [
         "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
@@ -182,7 +182,7 @@ def further_figures(run: Run) -> Pairs:
     return found
 
 
-def tolerances(run: Run) -> tuple[list[str], Table]:
+def tolerances(run: Run) -> tuple[list[str], TextTable]:
     """Return sentences on the worst of the skins that are not made as drawn, and all of them.
 
     Both are empty if none is there.
@@ -190,7 +190,7 @@ def tolerances(run: Run) -> tuple[list[str], Table]:
     variants = run.tolerance.get("variants") or []
     metrics = metrics_of(run.summary, list(run.tolerance.get("nominal") or {}))
     if not variants or not metrics:
-        return [], Table([], [])
+        return [], TextTable([], [])
     worst = [entry["sentence"] for entry in (run.tolerance.get("worst") or {}).values()]
     rows = [
         [
@@ -201,7 +201,7 @@ def tolerances(run: Run) -> tuple[list[str], Table]:
         for row in variants
     ]
     head = ["not as drawn", *(axis_label([metric]) for metric in metrics), ""]
-    return list(dict.fromkeys(worst)), Table(head, rows)
+    return list(dict.fromkeys(worst)), TextTable(head, rows)
 
 
 def warnings(run: Run) -> list[str]:

@@ -35,7 +35,7 @@ class Measured(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class StoredCurve:
     """Figures over the pressure.
 
     Attributes:
@@ -86,7 +86,7 @@ class Run:
         """Whether its figures come from a finer mesh than its curve and its shapes over it."""
         return min(self.summary.meshes, default=1.0) < 1
 
-    def over_pressure(self, pressure: float | None) -> Curve:
+    def over_pressure(self, pressure: float | None) -> StoredCurve:
         """Return its curve with the pressure of the design in Pa, None for none."""
         told = self.summary.entries.get("curve") or {}
         names = ("metric", "pressure_pa", "measured", "simulated", "source")
@@ -94,7 +94,7 @@ class Run:
         broken = bool(told.get("failure_below")), bool(told.get("failure_above"))
         rows = [row for row in self.curve if math.isfinite(row.get("pressure_pa", math.nan))]
         tested = known_use(self.summary.entries)
-        return Curve(rows, pressure, measured, broken, self.finer, tested)
+        return StoredCurve(rows, pressure, measured, broken, self.finer, tested)
 
 
 def read_run(folder: str | Path) -> Run:
