@@ -12,7 +12,7 @@
 #
 # and lines and gaps keep a least width (eqs. 11-14). MMA takes the adjoint gradient (eq. 19).
 #
-#     python demos/bend.py --coarse            # 40 s; mpirun -n 2 python … does the same
+#     python demos/bend.py --coarse            # 80 s; mpirun -n 2 python … does the same
 
 # %%
 import argparse

@@ -17,7 +17,7 @@
 # twists by half as much. Then its lines are moved and widened, by what the print misses of its
 # shape: the centres of its cross-sections, the direction of its tip, and both angles.
 #
-#     python demos/bend_twist.py --coarse      # three to six minutes
+#     python demos/bend_twist.py --coarse      # about eleven minutes
 #     mpirun -n 2 python demos/bend_twist.py --coarse
 
 # %%

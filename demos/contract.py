@@ -18,7 +18,7 @@
 # design asks for more, by what the print misses. The default materials allow little more than 8 %
 # (docs/limits.md).
 #
-#     python demos/contract.py --coarse        # a minute or two
+#     python demos/contract.py --coarse        # three minutes
 #     mpirun -n 2 python demos/contract.py --coarse
 
 # %%

@@ -12,7 +12,7 @@
 # at the equilibrium x(ρ, p), a minimum of W_stretch + W_bend − p V + W_contact (eqs. 1-10, and the
 # barriers of Li et al. 2020). Then the printed fingers lift it; `toros design` on
 # `demos/scenes/gripper.toml` draws this too.
-#     python demos/gripper.py --coarse            # two minutes
+#     python demos/gripper.py --coarse            # three minutes
 #     mpirun -n 2 python demos/gripper.py         # the mesh of the figures in docs/demos.md
 
 # %%

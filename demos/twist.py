@@ -12,7 +12,7 @@
 # lines where the relaxed material has infinitely many, so it twists less. What it misses is asked
 # for again: by other widths of its lines, or by a relaxed design of a larger angle.
 #
-#     python demos/twist.py --coarse           # a minute or two
+#     python demos/twist.py --coarse           # about eight minutes
 #     mpirun -n 2 python demos/twist.py --coarse
 
 # %%

@@ -13,7 +13,7 @@
 # The printed robot then walks. It lies on the ground with its weight, friction and pads that slide
 # forwards easily, and its chambers are filled and emptied in turn. This gait is a path of
 # equilibria, without inertia (docs/walking.md).
-#     python demos/walker.py --coarse            # a minute
+#     python demos/walker.py --coarse            # two minutes
 #     mpirun -n 2 python demos/walker.py         # the mesh of the figures in docs/demos.md
 
 # %%
