@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.measures.figures import State, overall
 from toros_fem.products.actuators import designer
-from toros_fem.products.actuators.result import ActuatorResult
+from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.tubes.bend import BendScene
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
@@ -21,7 +21,7 @@ SCENE = BendScene.of(
 )  # fmt: skip
 
 
-def miss(found: ActuatorResult) -> float:
+def miss(found: SkinDesign) -> float:
     """Its worst figure over its tolerance."""
     return max(abs(f.miss / f.tolerance) for f in found.figures if f.tolerance and f.miss)
 
@@ -65,7 +65,7 @@ def test_a_design_goes_on_towards_what_it_misses_on_a_finer_mesh(
     pairs: list[Any] = []
     corrected = designer.Designer._corrected_there
 
-    def spy(self: Any, found: ActuatorResult, *given: Any) -> Any:
+    def spy(self: Any, found: SkinDesign, *given: Any) -> Any:
         other = corrected(self, found, *given)
         pairs.append((found, other))
         return other

@@ -9,7 +9,7 @@ from helpers.runs import change_summary
 
 from toros_fem.base.errors import FileError, MissingPackageError
 from toros_fem.measures.figures import Figure
-from toros_fem.products.actuators.result import ActuatorResult
+from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.tile_design.report import TileRun
 from toros_fem.products.tubes.inflate import InflationResult
 from toros_fem.results.report.notebook import read_summary
@@ -42,9 +42,9 @@ def test_a_result_is_told_in_a_line() -> None:
     known = [*RunResult.__subclasses__()]
     for kind in known:
         known += kind.__subclasses__()
-    assert {ActuatorResult, InflationResult, TileRun} < set(known)
+    assert {SkinDesign, InflationResult, TileRun} < set(known)
     assert [kind for kind in known if kind.__repr__ is not RunResult.__repr__] == []
-    empty = object.__new__(ActuatorResult)
+    empty = object.__new__(SkinDesign)
     assert repr(empty) == "ActuatorResult()"
     object.__setattr__(empty, "folder", Path("output/bend"))
     assert repr(empty) == "ActuatorResult('output/bend')"

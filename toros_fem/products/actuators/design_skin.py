@@ -23,7 +23,7 @@ from toros_fem.base.validation import require_callable, require_flag, require_ki
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import require_affordable_meshes
-from toros_fem.products.actuators.result import ActuatorResult
+from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.actuators.scene import DesignScene, Level
 from toros_fem.results.report.page_file import write_report
 from toros_fem.results.runs.folder import FREE, open_run
@@ -43,7 +43,7 @@ def design_skin(
     overwrite: bool = False,
     verbose: bool = False,
     **settings: Any,
-) -> ActuatorResult:
+) -> SkinDesign:
     """Design a skin: optimise, print, trim, correct, judge, and write all files (collective).
 
     It is what `toros design` does with a scene: densities from coarse to fine, or with `start` =

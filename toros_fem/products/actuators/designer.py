@@ -46,7 +46,7 @@ from toros_fem.products.actuators.estimates import (
 from toros_fem.products.actuators.job import is_held
 from toros_fem.products.actuators.other_mesh import SimulatedPrint, simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
-from toros_fem.products.actuators.result import ActuatorResult, SearchRecord
+from toros_fem.products.actuators.result import SearchRecord, SkinDesign
 from toros_fem.products.actuators.trim import trimmed
 from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
 from toros_fem.results.result import write_summary
@@ -79,7 +79,7 @@ class Designer(DensityDesigner):
     output: Path | str
     source: Path | str | None = None
 
-    def design(self) -> ActuatorResult:
+    def design(self) -> SkinDesign:
         """Design, and write all results."""
         scene, comm = self.scene, self.comm
         case = require_affordable_meshes(comm, scene)
@@ -101,7 +101,7 @@ class Designer(DensityDesigner):
         self.reporter.keep(place, best.design.history[-1].iteration)
         return self._finished(best)
 
-    def _from_seed(self, number: int) -> ActuatorResult:
+    def _from_seed(self, number: int) -> SkinDesign:
         """Return the design from a seed, the number of those before it, without errors."""
         if number:
             scene = self.scene.updated(seed=self.scene.design.seed + number)
@@ -114,7 +114,7 @@ class Designer(DensityDesigner):
             return way._from_lines()
         return way._from_densities()
 
-    def _from_print(self, source: Path) -> ActuatorResult:
+    def _from_print(self, source: Path) -> SkinDesign:
         """Design densities on the finest mesh from a given print, and correct them."""
         comm, scene = self.comm, self.scene
         lines = scene.design.start == "relaxed"
@@ -130,7 +130,7 @@ class Designer(DensityDesigner):
             [level], [scene.print_options], SearchRecord(scene.design.seed, "print", 0), begin
         )
 
-    def _from_densities(self) -> ActuatorResult:
+    def _from_densities(self) -> SkinDesign:
         """Design densities on each level, from coarse to fine, and correct the last ones."""
         scene, design = self.scene, self.scene.design
         levels, options, after = scene.levels, scene.options, None
@@ -148,7 +148,7 @@ class Designer(DensityDesigner):
         options: Sequence[DesignOptions],
         search: SearchRecord,
         after: CarriedDesign | None,
-    ) -> ActuatorResult:
+    ) -> SkinDesign:
         """Design densities on meshes, perhaps after a design of another, and correct the last."""
         comm, scene = self.comm, self.scene
 
@@ -227,7 +227,7 @@ class Designer(DensityDesigner):
         self.reporter.keep(place, made[0].history[-1].iteration, first)
         return made, found
 
-    def _from_lines(self) -> ActuatorResult:
+    def _from_lines(self) -> SkinDesign:
         """Design line families, lay them as lines, and design densities from these last."""
         scene, lines = self.scene, self.scene.lines
         more = scene.relaxed_options.more_iterations
@@ -276,9 +276,9 @@ class Designer(DensityDesigner):
 
     def _found(
         self, result: DesignResult, printed: PrintedDesign, search: SearchRecord
-    ) -> ActuatorResult:
+    ) -> SkinDesign:
         """Return a design and its print."""
-        return ActuatorResult(
+        return SkinDesign(
             result,
             printed,
             printed.metrics,
@@ -289,7 +289,7 @@ class Designer(DensityDesigner):
             corrections=self.scene.design.corrections,
         )
 
-    def _checked(self, found: ActuatorResult) -> ActuatorResult:
+    def _checked(self, found: SkinDesign) -> SkinDesign:
         """Write a design and its summary, and return it with errors.
 
         What took longest to find is on disk first.
@@ -301,7 +301,7 @@ class Designer(DensityDesigner):
         self._check()
         return self._told(found)
 
-    def _finished(self, found: ActuatorResult) -> ActuatorResult:
+    def _finished(self, found: SkinDesign) -> SkinDesign:
         """Write a design with its curve, machine files, trial, pictures and last summary."""
         scene, folder, printed = self.scene, Path(self.output), found.printed
         self._check()
@@ -335,13 +335,13 @@ class Designer(DensityDesigner):
         if run is not None:
             run.check()
 
-    def _write(self, found: ActuatorResult) -> ActuatorResult:
+    def _write(self, found: SkinDesign) -> SkinDesign:
         """Write a design and return it with the time that it took until now."""
         found = replace(found, seconds=dict(self.reporter.seconds))
         write_design(self.output, found)
         return found
 
-    def _told(self, found: ActuatorResult) -> ActuatorResult:
+    def _told(self, found: SkinDesign) -> SkinDesign:
         """Return a result with errors, and with the figures of a finer mesh if there is one.
 
         That mesh is asked for, or it is tried where its own meshes leave the verdict open.
@@ -380,18 +380,18 @@ class Designer(DensityDesigner):
 
     def _there(
         self,
-        found: ActuatorResult,
+        found: SkinDesign,
         there: Evaluation[Equilibrium],
         ratio: float,
         known: Mapping[float, MeshValues] | None = None,
-    ) -> ActuatorResult:
+    ) -> SkinDesign:
         """Return a result with errors, and with what a print tells on a finer mesh."""
         values = values_at(there, [*found.printed.metrics, *found.shape])
         return found.with_errors(self._errors(found, {**(known or {}), ratio: values}))
 
     def _trimmed_there(
-        self, found: ActuatorResult, there: Evaluation[Equilibrium], finer: tuple[float, Level]
-    ) -> tuple[ActuatorResult, Evaluation[Equilibrium]] | None:
+        self, found: SkinDesign, there: Evaluation[Equilibrium], finer: tuple[float, Level]
+    ) -> tuple[SkinDesign, Evaluation[Equilibrium]] | None:
         """Return a result at the pressure that suits its print best on a finer mesh.
 
         With it comes the print on that mesh. None if that is the pressure that it has.
@@ -410,8 +410,8 @@ class Designer(DensityDesigner):
         return self._there(other, moved, finer[0]), moved
 
     def _corrected_there(
-        self, found: ActuatorResult, there: Evaluation[Equilibrium], finer: tuple[float, Level]
-    ) -> tuple[ActuatorResult, Evaluation[Equilibrium]] | None:
+        self, found: SkinDesign, there: Evaluation[Equilibrium], finer: tuple[float, Level]
+    ) -> tuple[SkinDesign, Evaluation[Equilibrium]] | None:
         """Return a design that went on towards what its print misses on a finer mesh.
 
         With it comes its print on that mesh. None if that is no better. Designs of lines have fine
@@ -446,7 +446,7 @@ class Designer(DensityDesigner):
         other = self._found(result, own, search)
         return self._there(other, fine.evaluation, ratio), fine.evaluation
 
-    def _designed_pressures(self, found: ActuatorResult) -> tuple[float, ...]:
+    def _designed_pressures(self, found: SkinDesign) -> tuple[float, ...]:
         """Return the pressures of the design before its print was trimmed."""
         lines = found.search.lines
         if found.search.laid and lines is not None:
@@ -456,7 +456,7 @@ class Designer(DensityDesigner):
         return found.design.pressures
 
     def _errors(
-        self, found: ActuatorResult, known: Mapping[float, MeshValues] | None = None
+        self, found: SkinDesign, known: Mapping[float, MeshValues] | None = None
     ) -> MetricErrors:
         """Return the errors of the metrics of a print that has an equilibrium."""
         made, again = found.printed.evaluation, SimulatedPrint.of(found.printed)
@@ -481,7 +481,7 @@ class Designer(DensityDesigner):
         return self.scene.print_level if lines else self.scene.finest_level
 
 
-def _badness(found: ActuatorResult) -> tuple[bool, float]:
+def _badness(found: SkinDesign) -> tuple[bool, float]:
     """Return whether a print does not certainly reach its targets, and its worst figure."""
     return overall(found.figures) is not State.REACHED, largest_part(found.figures)
 
@@ -497,7 +497,7 @@ def _at_pressures(printed: PrintedDesign, pressures: Sequence[float]) -> Printed
     return replace(printed, evaluation=made)
 
 
-def _draw_lines(folder: Path, found: ActuatorResult) -> None:
+def _draw_lines(folder: Path, found: SkinDesign) -> None:
     """Draw the line families that a design was made of, if it was (one rank)."""
     from toros_fem.results.pictures.flat import draw_lines
     from toros_fem.results.pictures.style import page

@@ -80,7 +80,7 @@ class TrialResult(Protocol):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class ActuatorResult(PrintedResult):
+class SkinDesign(PrintedResult):
     """The design of an actuator and its print, how it was found, and what the print does.
 
     Attributes:
@@ -97,7 +97,7 @@ class ActuatorResult(PrintedResult):
     trial: TrialResult | None = None
     corrections: int = 0
 
-    def with_errors(self, errors: MetricErrors) -> ActuatorResult:
+    def with_errors(self, errors: MetricErrors) -> SkinDesign:
         """Return it with errors, and with the values and the shape that they tell."""
         told = errors.told
         metrics, shape = (

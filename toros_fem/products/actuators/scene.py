@@ -31,7 +31,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import Cost, actuator_cost
 from toros_fem.products.actuators.designer import Designer
 from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
-from toros_fem.products.actuators.result import ActuatorResult, TrialResult
+from toros_fem.products.actuators.result import SkinDesign, TrialResult
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
 from toros_fem.products.plausibility import Group, Inflated, with_lengths
 from toros_fem.products.tables.loads import PressureTable, ResultTable
@@ -302,7 +302,7 @@ class DesignScene(Scene):
         *,
         reporter: DesignReporter | None = None,
         verbose: bool = False,
-    ) -> ActuatorResult:
+    ) -> SkinDesign:
         """Design the pattern and write all results (collective).
 
         The design goes from coarse to fine over the levels of the scene. On each, free islands of
@@ -353,7 +353,7 @@ class DesignScene(Scene):
         self,
         comm: MPI.Comm,
         output: Path,
-        made: ActuatorResult,
+        made: SkinDesign,
         other: OnOtherMesh | None = None,
     ) -> TrialResult | None:
         """Simulate what the print is for, beyond its curve, and write the files of this.

@@ -40,7 +40,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import curl
 from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.legs import Leg, LegWeights
-from toros_fem.products.actuators.result import ActuatorResult
+from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.gripper.lift import ALONG, TOWARD, solid
 from toros_fem.products.gripper.load import LiftResult, grip_of, lift, lift_figures
@@ -367,7 +367,7 @@ class GripperScene(ActuatorScene):
         self,
         comm: MPI.Comm,
         output: Path,
-        made: ActuatorResult,
+        made: SkinDesign,
         other: OnOtherMesh | None = None,
     ) -> LiftResult | None:
         """Let the gripper lift its object (collective)."""

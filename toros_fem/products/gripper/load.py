@@ -35,7 +35,7 @@ from toros_fem.meshes.skin import sew
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.meshes.triangles import normals
 from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
-from toros_fem.products.actuators.result import ActuatorResult
+from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.gripper.lift import ALONG, LiftShape, from_room, in_room, write_lift
 from toros_fem.results.frames.record import repeated
 
@@ -287,7 +287,7 @@ def lift(
     comm: MPI.Comm,
     output: Path,
     scene: GripperScene,
-    design: ActuatorResult,
+    design: SkinDesign,
     other: OnOtherMesh | None,
 ) -> LiftResult:
     """Let the printed gripper lift its object, and the initial design too (collective).

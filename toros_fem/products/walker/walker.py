@@ -41,7 +41,7 @@ from toros_fem.meshes.skin import sew
 from toros_fem.meshes.targets import stand
 from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
-from toros_fem.products.actuators.result import ActuatorResult
+from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.plausibility import Group, Inflated, angle_group
 from toros_fem.products.tables.loads import ContactTable, PressureTable, ResultTable
@@ -309,7 +309,7 @@ class WalkerScene(ActuatorScene):
         self,
         comm: MPI.Comm,
         output: Path,
-        made: ActuatorResult,
+        made: SkinDesign,
         other: OnOtherMesh | None = None,
     ) -> Walk | None:
         """Let the printed robot walk on the ground through its gait (collective)."""
