@@ -45,9 +45,9 @@ def test_a_result_is_told_in_a_line() -> None:
     assert {SkinDesign, InflationResult, TileRun} < set(known)
     assert [kind for kind in known if kind.__repr__ is not RunResult.__repr__] == []
     empty = object.__new__(SkinDesign)
-    assert repr(empty) == "ActuatorResult()"
+    assert repr(empty) == "SkinDesign()"
     object.__setattr__(empty, "folder", Path("output/bend"))
-    assert repr(empty) == "ActuatorResult('output/bend')"
+    assert repr(empty) == "SkinDesign('output/bend')"
 
 
 @pytest.mark.parametrize("package", ["jinja2", "matplotlib"])
