@@ -4,15 +4,17 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.command_runs import changes
-from helpers.scenes import ROOT
+from helpers.scenes import ROOT, square
 from kit.scene_runs import summary_of, value_of
 from mpi4py import MPI
 
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.meshes.pattern_file import write_pattern
 from toros_fem.products.kinds import KINDS
 from toros_fem.results.runs.folder import open_run
 
@@ -100,6 +102,40 @@ def test_what_is_refused_leaves_a_good_run_as_it_was(
         own = words[-1] in (str(folder), str(folder / "pattern.npz")) and "--pattern" in words
         assert ("belongs to the run in" in told) == own, told
     after = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert after == before
+
+
+@pytest.mark.parametrize(
+    ("kind", "words", "message"),
+    [
+        ("bend", ["--pattern", "notes.txt"], "notes.txt cannot be read"),
+        ("bend", ["--pattern", "square.npz"], "square.npz is the pattern of another skin"),
+        ("bend", ["--set", "edge_length=5e-5"], "edge_length"),
+        ("inflate", ["--set", "edge_length=5e-5"], "edge_length"),
+    ],
+)
+def test_a_simulation_is_refused_before_it_removes_a_run(
+    alone: MPI.Comm,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    kind: str,
+    words: list[str],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("notes.txt").write_text("mine")
+    other = square()
+    write_pattern("square.npz", other, np.ones(len(other.panel), dtype=bool))
+    assert run(alone, ["new", kind, "scene.toml"]) == 0
+    with open_run(alone, "run", {"command": "simulate"}, scene="earlier"):
+        Path("run/curve.csv").write_text("earlier")
+    before = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
+    assert {Path("run/curve.csv"), Path("run/state/run.json")} <= set(before)
+    capsys.readouterr()
+    assert run(alone, ["simulate", "scene.toml", "--output", "run", "--overwrite", *words]) == 2
+    assert message in capsys.readouterr().err
+    after = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
     assert after == before
 
 

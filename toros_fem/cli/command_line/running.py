@@ -80,8 +80,8 @@ def run_scene(
     text = scene_text(scene.config, files, scene.materials)
     with scene.located():  # what is impossible is refused before a folder is touched
         doubtful = doubts(scene.config, simulated=name == "simulate")
-        if overwrite and name == "design":
-            _require_meshes(comm, scene)
+        if overwrite:
+            _require_meshes(comm, scene, name, files)
     with (
         scene.located(),
         open_run(comm, folder, inputs, scene=text, resume=resume, overwrite=overwrite, every=every),
@@ -179,13 +179,22 @@ def _require_apart(folder: Path, files: Mapping[str, Path]) -> None:
             )
 
 
-def _require_meshes(comm: MPI.Comm, scene: SceneFile) -> None:
-    """Check the files and meshes of a design before it removes a run (collective)."""
+def _require_meshes(comm: MPI.Comm, scene: SceneFile, name: str, files: Mapping[str, Path]) -> None:
+    """Check the files and meshes of an action before it removes a run (collective)."""
     from toros_fem.products.actuators.cost import require_affordable_meshes
     from toros_fem.products.actuators.scene import ActuatorScene
+    from toros_fem.products.actuators.simulate import case_to_simulate
+    from toros_fem.products.tubes.inflate import InflateScene
 
-    if isinstance(scene.config, ActuatorScene):
-        require_affordable_meshes(comm, scene.config.with_files(comm, scene.files))
+    config = scene.config
+    if isinstance(config, InflateScene):
+        config.expected_cost(comm)
+    elif isinstance(config, ActuatorScene):
+        read = config.with_files(comm, files)
+        if name == "design":
+            require_affordable_meshes(comm, read)
+        else:
+            case_to_simulate(comm, read, files.get("pattern"))
 
 
 def _taken(scene: SceneFile, name: str) -> dict[str, Path]:

@@ -95,11 +95,7 @@ def simulate_actuator(
     `ActuatorScene.run_simulation` tells what it takes.
     """
     begin = time.perf_counter()
-    if not scene.pressure.pressure > 0:
-        raise ParameterError(
-            f"pressure = {scene.pressure.pressure} Pa must be above 0 to simulate with it."
-        )
-    made, level, density, regions = _printed(comm, scene, pattern)
+    made, level, density, regions = case_to_simulate(comm, scene, pattern)
     if pattern is not None and not scene.pressure.hold_pressure:
         _tell_pressure(comm, scene.pressure.pressure, Path(pattern))
     skin = sew(comm, made.pattern)
@@ -152,10 +148,20 @@ def simulate_actuator(
     return found
 
 
-def _printed(
+def case_to_simulate(
     comm: MPI.Comm, scene: ActuatorScene, pattern: Path | str | None
 ) -> tuple[Case, Level, Floats, Printed | None]:
-    """Return the case on the mesh to simulate on, the density of all triangles, and the print."""
+    """Return a case on its mesh with the level, the density of all triangles, and the print.
+
+    It is collective.
+
+    Raises:
+        TorosError: As of `ActuatorScene.run_simulation`, before anything is solved.
+    """
+    if not scene.pressure.pressure > 0:
+        raise ParameterError(
+            f"pressure = {scene.pressure.pressure} Pa must be above 0 to simulate with it."
+        )
     level = scene.finest_level
     made = scene.case(comm, level)
     if pattern is None:
