@@ -323,7 +323,7 @@ def density_problem(comm: MPI.Comm) -> ShapeProblem:
     plain = full(skin, solver_on(skin))
     given = np.where(skin.owned_cells % 11 == 0, 0.25, plain.fields.passive)
     problem = passive_in(plain, given).changed(
-        terms=[border_term(skin, 1e-3)], objective=bent(skin)
+        terms=[border_term(skin, 1e-3)], objective=bent(skin), pressure_weight=0.02
     )
     return problem.changed(length_scale=widths_of(problem))
 
@@ -334,7 +334,7 @@ def chambered(comm: MPI.Comm) -> ShapeProblem:
     upper = skin.pattern.points[skin.pattern.triangles].mean(axis=1)[:, 2] > 0.03
     solver = solver_on(skin, chambers=Chambers(("lower", "upper"), upper.astype(int)))
     physics = InflatedSkin(solver, (2e3, 5e3), (None, (1e3, 2e4)))
-    return make_problem(skin, solver).changed(physics=physics)
+    return make_problem(skin, solver).changed(physics=physics, pressure_weight=0.02)
 
 
 def relaxed(families: Families, comm: MPI.Comm) -> ShapeProblem:

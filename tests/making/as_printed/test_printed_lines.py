@@ -1,6 +1,7 @@
 """Lines that come as polygons: on other meshes, on the whole of a part, printed and simulated."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from helpers.designs import make_problem
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import as_printed, printed, printed_lines
@@ -110,3 +112,18 @@ def test_contours_of_a_design_are_printed_alike(
     assert lines.evaluation.equilibrium.pressure == problem.physics.pressure
     cut = ~np.isin(lines.evaluation.density, (0.0, 1.0))
     assert 0 < cut.mean() < 0.5
+
+
+def test_islands_are_kept_where_nothing_else_is_said(
+    short_tube: Skin, short_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = make_problem(short_tube, short_solver)
+
+    def failing(*_: Any, **__: Any) -> None:
+        raise NoEquilibriumError("made to fail")
+
+    monkeypatch.setattr(problem, "simulate_binary", failing)
+    made = printed_lines(problem, short_tube.pattern, slanted_lines(short_tube.pattern))
+    least = min(island.area for island in made.cleaned.bridged)
+    assert least == pytest.approx(1e-6, rel=0.1), "that between two lines, with round corners"
+    assert made.evaluation is None
