@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import groupby, pairwise
 from pathlib import Path
 
@@ -29,6 +30,8 @@ from benchmarks import intervals
 from benchmarks.accuracy import paths, snapping, tubes
 from benchmarks.bench import ROWS, read, values_of
 from benchmarks.figures import DEMOS, folder_of
+from benchmarks.measured.command import COMPARED
+from benchmarks.measured.compared import Compared, by_curve, place
 from benchmarks.scale import STEP, growth
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError
@@ -422,8 +425,33 @@ def in_browser(
     return draw
 
 
+def measured_told(compared: Compared) -> str:
+    """Return what the picture of a measurement tells."""
+    return compared.told(read(ROWS / "measured.csv"))
+
+
+def draw_measured(compared: Compared, path: Path) -> None:
+    """Draw measured points as dots and simulated ones as lines, for some curves of a case."""
+    curves = by_curve(read(ROWS / "measured.csv"), compared.name)
+    with page(path, measured_told(compared), (5.6, 3.6)) as figure:
+        axes = figure.add_axes((0.12, 0.14, 0.58, 0.68))
+        for number, curve in enumerate(compared.shown or curves):
+            colour = SERIES[number % len(SERIES)]
+            found = sorted((place(row), row.value, row.reference) for row in curves[curve])
+            at, simulated, known = np.array(found, dtype=float).T
+            axes.plot(at, known, "o", color=colour, ms=3.5)
+            axes.plot(at, simulated, color=colour, lw=1.4, label=curve)
+        axes.set(xlabel=compared.heads[0], ylabel=compared.heads[1])
+        axes.margins(y=0.08)
+        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        axes.grid(axis="y")
+        figure.legend(loc="upper left", bbox_to_anchor=(0.71, 0.83), frameon=False, fontsize=7)
+        figure.text(0.72, 0.14, "● measured\n— simulated", color=INK, fontsize=8)
+
+
 # What the pictures of committed tables tell.
 TOLD: Mapping[str, Callable[[], str]] = {
+    **{f"images/validation/{one.name}.png": partial(measured_told, one) for one in COMPARED},
     "crossed_lines.png": crossed_told,
     "intervals.png": intervals_told,
     "limit_points.png": limit_points_told,
@@ -454,6 +482,9 @@ DRAWN: Mapping[str, Callable[[Path], None]] = {
     ),
     "images/report.png": in_browser(write_report, 1480),
     "images/tolerance_bend.png": by_command("tolerance", str(BEND), file="tolerance.png"),
+    **{
+        f"images/validation/{one.name}.png": partial(draw_measured, one) for one in COMPARED
+    },
 }  # fmt: skip
 
 
