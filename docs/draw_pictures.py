@@ -25,6 +25,7 @@ from copy_pictures import ROOT, with_facts
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 from mpi4py import MPI
+from PIL import Image
 
 from benchmarks import intervals
 from benchmarks.accuracy import paths, snapping, tubes
@@ -433,8 +434,8 @@ def measured_told(compared: Compared) -> str:
 def draw_measured(compared: Compared, path: Path) -> None:
     """Draw measured points as dots and simulated ones as lines, for some curves of a case."""
     curves = by_curve(read(ROWS / "measured.csv"), compared.name)
-    with page(path, measured_told(compared), (5.6, 3.6)) as figure:
-        axes = figure.add_axes((0.12, 0.14, 0.58, 0.68))
+    with page(path, measured_told(compared), (4.6, 3.0)) as figure:
+        axes = figure.add_axes((0.13, 0.16, 0.57, 0.66))
         for number, curve in enumerate(compared.shown or curves):
             colour = SERIES[number % len(SERIES)]
             found = sorted((place(row), row.value, row.reference) for row in curves[curve])
@@ -442,11 +443,14 @@ def draw_measured(compared: Compared, path: Path) -> None:
             axes.plot(at, known, "o", color=colour, ms=3.5)
             axes.plot(at, simulated, color=colour, lw=1.4, label=curve)
         axes.set(xlabel=compared.heads[0], ylabel=compared.heads[1])
-        axes.margins(y=0.08)
-        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        # A curve that fails must not hide the others.
+        most = max(row.reference or 0.0 for rows in curves.values() for row in rows)
+        axes.set_ylim(min(0.0, axes.get_ylim()[0]), min(1.5 * most, axes.get_ylim()[1]))
         axes.grid(axis="y")
         figure.legend(loc="upper left", bbox_to_anchor=(0.71, 0.83), frameon=False, fontsize=7)
         figure.text(0.72, 0.14, "● measured\n— simulated", color=INK, fontsize=8)
+    with Image.open(path) as picture:  # few colours: a checkout is to stay small
+        picture.convert("RGB").quantize(64).save(path, optimize=True)
 
 
 # What the pictures of committed tables tell.

@@ -81,7 +81,7 @@ def lines_of(compared: Compared, rows: Rows) -> str:
         ))  # fmt: skip
     table = markdown(("curve", "points", "mean", "rms", "median", "worst"), lines)
     constants = [
-        f"{row.figure}: {row.value:.3g} {row.unit}."
+        f"{row.figure[0].upper()}{row.figure[1:]}: {row.value:.3g} {row.unit}."
         for row in rows
         if row.case == compared.name and row.reference is None and row.figure != ALL
     ]

@@ -9,18 +9,18 @@ from benchmarks.bench import ROOT, ROWS, read
 from benchmarks.measured.command import COMPARED
 from benchmarks.measured.compared import FITTED, by_curve, errors, predicted, secant, table
 
-# Case, and rms of the errors of what is predicted on the coarse mesh, in per cent, rounded up; by a
-# hundredth more than seen. Fine meshes have 4 and 13.
-COARSE = [("lifting", 4.7), ("beam", 15.1), ("channel", 1.2)]
+# Case, and rms of the errors of what is predicted on the coarse mesh, in per cent, as seen. Fine
+# meshes have 4.0, 13 (of all tubes) and 1.3.
+COARSE = [("lifting", 4.59), ("beam", 14.92), ("channel", 1.10)]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "bound"), COARSE)
-def test_errors_on_a_coarse_mesh(name: str, bound: float) -> None:
+@pytest.mark.parametrize(("name", "seen"), COARSE)
+def test_errors_on_a_coarse_mesh(name: str, seen: float) -> None:
     (case,) = (one for one in COMPARED if one.name == name)
     found, free = predicted(list(case.rows(quick=True)), name)
     assert free
-    assert np.sqrt((found**2).mean()) == pytest.approx(bound, abs=0.15)
+    assert np.sqrt((found**2).mean()) == pytest.approx(seen, abs=0.1)
 
 
 def test_constants_are_fitted_by_the_points_that_say_so() -> None:
