@@ -436,18 +436,25 @@ def draw_measured(compared: Compared, path: Path) -> None:
     curves = by_curve(read(ROWS / "measured.csv"), compared.name)
     with page(path, measured_told(compared), (4.6, 3.0)) as figure:
         axes = figure.add_axes((0.13, 0.16, 0.57, 0.66))
-        for number, curve in enumerate(compared.shown or curves):
+        shown = [curve.split(", ") for curve in compared.shown or curves]
+        same = [part for part in shown[0] if len(shown) > 1 and all(part in one for one in shown)]
+        for number, parts in enumerate(shown):
+            curve, own = ", ".join(parts), ", ".join(part for part in parts if part not in same)
             colour = SERIES[number % len(SERIES)]
             found = sorted((place(row), row.value, row.reference) for row in curves[curve])
             at, simulated, known = np.array(found, dtype=float).T
             axes.plot(at, known, "o", color=colour, ms=3.5)
-            axes.plot(at, simulated, color=colour, lw=1.4, label=curve)
+            axes.plot(at, simulated, color=colour, lw=1.4, label=own)
         axes.set(xlabel=compared.heads[0], ylabel=compared.heads[1])
+        axes.margins(y=0.08)
         # A curve that fails must not hide the others.
         most = max(row.reference or 0.0 for rows in curves.values() for row in rows)
         axes.set_ylim(min(0.0, axes.get_ylim()[0]), min(1.5 * most, axes.get_ylim()[1]))
         axes.grid(axis="y")
-        figure.legend(loc="upper left", bbox_to_anchor=(0.71, 0.83), frameon=False, fontsize=7)
+        figure.legend(
+            loc="upper left", bbox_to_anchor=(0.71, 0.83), frameon=False, fontsize=6.5,
+            title=", ".join(same), title_fontsize=7, handlelength=1.0,
+        )  # fmt: skip
         figure.text(0.72, 0.14, "● measured\n— simulated", color=INK, fontsize=8)
     with Image.open(path) as picture:  # few colours: a checkout is to stay small
         picture.convert("RGB").quantize(64).save(path, optimize=True)

@@ -63,7 +63,7 @@ CASE = Compared(
     assumed="one strip, evenly stretched; no hysteresis",
     free="four for one direction, five for both (all points are fitted)",
     run=run,
-    picture="Knits: one direction fits within {median} % for half of the points, both do not",
+    picture="One direction of a knit is fitted well; both together are not",
     shown=("both directions, rib, acrylic, course", "both directions, rib, acrylic, wale",
            "one direction, rib, acrylic, course", "one direction, rib, acrylic, wale"),
     line=lambda curve: curve.partition(", ")[0],
