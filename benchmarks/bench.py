@@ -46,6 +46,7 @@ COMMANDS = {
     "figures": "benchmarks.figures",
     "intervals": "benchmarks.intervals",
     "prints": "benchmarks.prints",
+    "measured": "benchmarks.measured.command",
 }
 # Variables by which a child process would take itself for a rank of this one.
 RANK_VARIABLES = ("OMPI_COMM", "PMIX", "PRTE")

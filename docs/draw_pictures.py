@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import groupby, pairwise
 from pathlib import Path
 
@@ -24,11 +25,14 @@ from copy_pictures import ROOT, with_facts
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 from mpi4py import MPI
+from PIL import Image
 
 from benchmarks import intervals
 from benchmarks.accuracy import paths, snapping, tubes
 from benchmarks.bench import ROWS, read, values_of
 from benchmarks.figures import DEMOS, folder_of
+from benchmarks.measured.command import COMPARED
+from benchmarks.measured.compared import Compared, by_curve, place
 from benchmarks.scale import STEP, growth
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError
@@ -422,8 +426,43 @@ def in_browser(
     return draw
 
 
+def measured_told(compared: Compared) -> str:
+    """Return what the picture of a measurement tells."""
+    return compared.told(read(ROWS / "measured.csv"))
+
+
+def draw_measured(compared: Compared, path: Path) -> None:
+    """Draw measured points as dots and simulated ones as lines, for some curves of a case."""
+    curves = by_curve(read(ROWS / "measured.csv"), compared.name)
+    with page(path, measured_told(compared), (4.6, 3.0)) as figure:
+        axes = figure.add_axes((0.13, 0.16, 0.57, 0.66))
+        shown = [curve.split(", ") for curve in compared.shown or curves]
+        same = [part for part in shown[0] if len(shown) > 1 and all(part in one for one in shown)]
+        for number, parts in enumerate(shown):
+            curve, own = ", ".join(parts), ", ".join(part for part in parts if part not in same)
+            colour = SERIES[number % len(SERIES)]
+            found = sorted((place(row), row.value, row.reference) for row in curves[curve])
+            at, simulated, known = np.array(found, dtype=float).T
+            axes.plot(at, known, "o", color=colour, ms=3.5)
+            axes.plot(at, simulated, color=colour, lw=1.4, label=own)
+        axes.set(xlabel=compared.heads[0], ylabel=compared.heads[1])
+        axes.margins(y=0.08)
+        # A curve that fails must not hide the others.
+        most = max(row.reference or 0.0 for rows in curves.values() for row in rows)
+        axes.set_ylim(min(0.0, axes.get_ylim()[0]), min(1.5 * most, axes.get_ylim()[1]))
+        axes.grid(axis="y")
+        figure.legend(
+            loc="upper left", bbox_to_anchor=(0.71, 0.83), frameon=False, fontsize=6.5,
+            title=", ".join(same), title_fontsize=7, handlelength=1.0,
+        )  # fmt: skip
+        figure.text(0.72, 0.14, "● measured\n— simulated", color=INK, fontsize=8)
+    with Image.open(path) as picture:  # few colours: a checkout is to stay small
+        picture.convert("RGB").quantize(64).save(path, optimize=True)
+
+
 # What the pictures of committed tables tell.
 TOLD: Mapping[str, Callable[[], str]] = {
+    **{f"images/validation/{one.name}.png": partial(measured_told, one) for one in COMPARED},
     "crossed_lines.png": crossed_told,
     "intervals.png": intervals_told,
     "limit_points.png": limit_points_told,
@@ -454,6 +493,9 @@ DRAWN: Mapping[str, Callable[[Path], None]] = {
     ),
     "images/report.png": in_browser(write_report, 1480),
     "images/tolerance_bend.png": by_command("tolerance", str(BEND), file="tolerance.png"),
+    **{
+        f"images/validation/{one.name}.png": partial(draw_measured, one) for one in COMPARED
+    },
 }  # fmt: skip
 
 

@@ -1,0 +1,1 @@
+"""Published measurements, simulated: a module and a file of measured points for each case."""
