@@ -57,6 +57,14 @@ def test_eq_1_stands_for_the_law_of_the_silicone() -> None:
     assert silicone.gent(one, two) == pytest.approx(known, rel=0.02)
 
 
+def test_readme_tells_the_medians_of_the_rows() -> None:
+    rows = read(ROWS / "measured.csv")
+    lifting, beam = (np.median(np.abs(predicted(rows, name)[0])) for name in ("lifting", "beam"))
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"half of the points are within {lifting:.1f} % for a\nsilicone membrane" in text
+    assert f"within about {beam:.0f} % for inflated beams" in text
+
+
 def test_a_secant_ends_where_it_should() -> None:
     assert secant(lambda x: x**3 - 8, 1.0, 1.5, 1e-10, most=20) == pytest.approx(2)
     with pytest.raises(ValueError, match="not 0 within"):

@@ -220,6 +220,9 @@ FITS: Table = {
     "a fit of no test": lambda s: tf.fit_material([]),
     "a fit of two points": lambda s: tf.fit_material([synthetic()], FitOptions(up_to=1.05)),
     "a fit of skew tests": lambda s: tf.fit_material([_test("0"), _test("45")]),
+    "a fit of two directions without a common strain": lambda s: tf.fit_material(
+        [_test("course"), _test("wale", stretch=np.linspace(1.6, 1.7, 6))]
+    ),
     "a fit of a pushed strip": lambda s: tf.fit_material([_test(stress=-PULL)]),
 }  # fmt: skip
 

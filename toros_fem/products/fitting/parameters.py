@@ -104,7 +104,8 @@ def scales_of(samples: Samples) -> Scales:
     """Return the scales of the fit's parameters, and which of two directions is the stiffer.
 
     Raises:
-        FileError: The directions are not those of one fabric, or no stress is tension.
+        FileError: The directions are not those of one fabric, or have no strain in common; or no
+            stress is tension.
     """
     found = sorted(set(samples.direction))
     if len(found) > 1 and not any(set(found) == set(pair) for pair in PAIRS):
@@ -119,6 +120,13 @@ def scales_of(samples: Samples) -> Scales:
     secants = {}
     for name in found:
         rows = samples.along(name) & (x <= common)
+        if not (x[rows] > 0).any():
+            first = float(x[samples.along(name)].min())
+            raise FileError(
+                f"the tests along {name!r} begin at a strain of {first:.3g}, where those of the "
+                f"other direction have ended, at {common:.3g}. Measure both over common strains, or "
+                "fit one by --direction."
+            )
         secants[name] = float(x[rows] @ samples.stress[rows]) / float(x[rows] @ x[rows])
     if not min(secants.values()) > 0:
         raise FileError(
