@@ -79,7 +79,7 @@ def values_of(table: type[Table]) -> list[Key]:
 
 def test_settings_are_found() -> None:
     assert len(TABLES) > 25
-    assert {"Pressing", "FitOptions", "ManufactureOptions"} <= {one.__name__ for one in TABLES}
+    assert {"PressureTable", "FitOptions", "ManufactureOptions"} <= {one.__name__ for one in TABLES}
 
 
 @OF_TABLES
