@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -101,6 +102,32 @@ def test_lines_are_asked_for_other_targets(alone: MPI.Comm) -> None:
     assert case.judged[0].target == 70.0
     assert case.judged[0].value(case.pattern, case.goal) == pytest.approx(70.0, abs=1e-3)
     assert not scene_of(lambda edge: tube(alone, edge), EDGE, given).targets()
+
+
+def test_lines_are_laid_beside_printed_panels(
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether a case names them, or prescribes the density of their triangles."""
+    masks = []
+
+    def told(*_: Any, printed: Any, **__: Any) -> None:
+        masks.append(printed)
+        raise InterruptedError
+
+    def by_name(edge: float) -> tf.Case:
+        return replace(tube(alone, edge), printed_panels=["base", "tip"])
+
+    def by_density(edge: float) -> tf.Case:
+        return replace(tube(alone, edge), passive=by_name(edge).prescribed)
+
+    monkeypatch.setattr("toros_fem.products.actuators.discovery.lay_lines", told)
+    few: dict[str, Any] = {"start": "relaxed", "relaxed_edge_length": 6e-3, "relaxed_iterations": 1}
+    for number, case_of in enumerate((by_name, by_density)):
+        with pytest.raises(InterruptedError):
+            tf.design_skin(alone, case_of, EDGE, tmp_path / f"{number}", **few)
+    pattern = tube(alone, 6e-3).pattern
+    assert (masks[0] == (pattern.panel != pattern.panel_index("wall"))).all()
+    assert (masks[1] == masks[0]).all()
 
 
 def test_meshes_and_filter_follow_the_edge(alone: MPI.Comm) -> None:

@@ -104,6 +104,18 @@ class Case:
         return mirrored(self.pattern, self.symmetry)
 
     @property
+    def prescribed(self) -> Floats | None:
+        """Prescribed density of all triangles, (t,), with printed panels; None if all is designed."""
+        if self.passive is None and not self.printed_panels:
+            return None
+        given = np.full(len(self.pattern.panel), np.nan)
+        if self.passive is not None:
+            given[:] = self.passive
+        for name in self.printed_panels:
+            given[self.pattern.cells_of(name)] = 1.0
+        return given
+
+    @property
     def goal(self) -> Floats:
         """Target positions of all assembled vertices, (n, 3), in m."""
         target = self.target

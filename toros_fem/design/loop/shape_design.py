@@ -214,10 +214,5 @@ def _given_density(case: Case) -> Floats | None:
     count, passive = len(case.pattern.triangles), case.passive
     if passive is not None:
         what = "one density for each triangle, NaN where it is designed"
-        passive = checked_floats("passive", passive, f"({count},), {what}", (count,), finite=False)
-    if passive is None and not case.printed_panels:
-        return None
-    given = np.full(count, np.nan) if passive is None else np.array(passive, dtype=np.float64)
-    for name in case.printed_panels:
-        given[case.pattern.cells_of(name)] = 1.0
-    return given
+        checked_floats("passive", passive, f"({count},), {what}", (count,), finite=False)
+    return case.prescribed

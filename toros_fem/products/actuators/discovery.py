@@ -308,7 +308,8 @@ class _Search:
                 after=after,
                 journal=job.journal,
             )
-        printed = None if case.passive is None else case.passive > 0.5
+        given = case.prescribed
+        printed = None if given is None else given > 0.5
         planes, options = tuple(case.symmetry), scene.line_options
         if like is not None and not _widths_suffice(like, relaxed.field, printed):
             like = None

@@ -166,8 +166,8 @@ def case_to_simulate(
     made = scene.case(comm, level)
     if pattern is None:
         count = len(made.pattern.panel)
-        passive = np.zeros(count) if made.passive is None else made.passive
-        return made, level, np.nan_to_num(passive, nan=0.0), None
+        given = np.zeros(count) if made.prescribed is None else made.prescribed
+        return made, level, np.nan_to_num(given, nan=0.0), None
     path = Path(pattern)
     source, printed = read_print(comm, path / NAME if path.is_dir() else path)
     stored = None

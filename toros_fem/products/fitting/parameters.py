@@ -124,8 +124,8 @@ def scales_of(samples: Samples) -> Scales:
             first = float(x[samples.along(name)].min())
             raise FileError(
                 f"the tests along {name!r} begin at a strain of {first:.3g}, where those of the "
-                f"other direction have ended, at {common:.3g}. Measure both over common strains, or "
-                "fit one by --direction."
+                f"other direction have ended, at {common:.3g}. Measure both over common strains, "
+                "or fit one by --direction."
             )
         secants[name] = float(x[rows] @ samples.stress[rows]) / float(x[rows] @ x[rows])
     if not min(secants.values()) > 0:
