@@ -105,7 +105,7 @@ class Case:
 
     @property
     def prescribed(self) -> Floats | None:
-        """Prescribed density of all triangles, (t,), with printed panels; None if all is designed."""
+        """Prescribed density of all triangles, (t,), with printed panels; None without any."""
         if self.passive is None and not self.printed_panels:
             return None
         given = np.full(len(self.pattern.panel), np.nan)
