@@ -23,6 +23,7 @@ from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.meshes import Skin, bend
 from toros_fem.products.actuators import designer
+from toros_fem.products.actuators.densities import DensityDesigner
 from toros_fem.products.actuators.pressure_curve import NOT_FROM_REST, OTHER_SHAPE, CurveFigures
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tubes import bend as bend_demo
@@ -124,7 +125,16 @@ def test_a_print_that_misses_is_polished_from_each_pattern(
         return found
 
     monkeypatch.setattr("toros_fem.products.actuators.densities.optimize", counted)
+    worst_of, misses = DensityDesigner.worst, list[float]()
+
+    def noted(self: DensityDesigner, printed: Any) -> float:
+        misses.append(worst_of(self, printed))
+        return misses[-1]
+
+    monkeypatch.setattr(DensityDesigner, "worst", noted)
     made = config.run_design(alone, tmp_path)
+    assert largest_part(made.figures) == pytest.approx(min(misses))
+    assert min(misses) < 0.999 * max(misses)
     assert len(polishes) == 3
     assert len(set(polishes)) == 3
     assert largest_part(made.figures) > 1
