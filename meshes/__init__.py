@@ -6,23 +6,12 @@ one module alone, as the solver does, loads no makers of meshes and no readers o
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from toros_fem.base.packages import late_names
 
 if TYPE_CHECKING:
     from toros_fem.meshes.public import *  # noqa: F403
     from toros_fem.meshes.public import __all__ as __all__
 else:  # hidden from type checkers, to which every name would be known otherwise
-
-    def __getattr__(name: str) -> Any:
-        """Return a public name, loaded at the first call."""
-        if name == "__all__" or not name.startswith("__"):
-            public = importlib.import_module("toros_fem.meshes.public")
-            globals().update({one: getattr(public, one) for one in ("__all__", *public.__all__)})
-            if name in globals():
-                return globals()[name]
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-    def __dir__() -> list[str]:
-        """Return the public names and what is loaded."""
-        return sorted({*globals(), *__getattr__("__all__")})
+    __getattr__, __dir__ = late_names(__name__)

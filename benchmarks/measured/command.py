@@ -35,11 +35,7 @@ COMPARED: Sequence[Compared] = tuple(
 
 def cases(quick: bool) -> list[Case]:
     """Return all cases, of coarse meshes if the argument is True."""
-    return [Case(one.name, partial(_rows, one, quick)) for one in COMPARED]
-
-
-def _rows(compared: Compared, quick: bool) -> list[Row]:
-    return list(compared.rows(quick))
+    return [Case(one.name, partial(one.rows, quick)) for one in COMPARED]
 
 
 def summary(rows: Rows) -> str:

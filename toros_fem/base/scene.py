@@ -172,6 +172,12 @@ class Scene(Table):
         several = {name: [asdict(one) for one in getattr(self, name)] for name in self.entries()}
         return {**{name: self.value(name) for name in self.described()}, **several}
 
+    def fixed_and_free(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the values by key that tell a run from others, and those that may change."""
+        values, known = self.as_dict(), self.described()
+        free = {key: values.pop(key) for key in known if known[key].free}
+        return values, free
+
     def value(self, name: str) -> Any:
         """Return the value of a key of a table that stands once."""
         return getattr(getattr(self, self.table_of(name)), name)

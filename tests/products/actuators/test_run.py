@@ -1,6 +1,7 @@
 """A design run: polishing, prints and refined meshes without equilibrium, the closing sentence."""
 
 import csv
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -76,20 +77,27 @@ def test_problem_holds_what_the_configuration_says(alone: MPI.Comm) -> None:
     assert full.fields.filter.name == "helmholtz"
 
 
+def with_spots(*spots: tuple[float, float, float]) -> Callable[[Skin, int], np.ndarray]:
+    """Starts with a band along a tube, and spots beside it: part of the width, height, radius."""
+
+    def start(skin: Skin, seed: int) -> np.ndarray:
+        wall = skin.pattern.cells_of("wall")
+        u, v = skin.pattern.centroids.T
+        width = u[wall].max()
+        printed = np.abs(u - width / 2) < 8e-3
+        for part, height, radius in spots:
+            printed |= np.hypot(u - part * width, v - height) < radius
+        return printed.astype(float)[skin.owned_cells]
+
+    return start
+
+
 @pytest.mark.slow
 def test_polishing_removes_islands(
     alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From a start with a lone spot in a corner that the few steps cannot remove."""
-
-    def spotted(skin: Skin, seed: int) -> np.ndarray:
-        wall = skin.pattern.cells_of("wall")
-        u, v = skin.pattern.centroids.T
-        width = u[wall].max()
-        spot = np.hypot(u - 0.2 * width, v - 0.04) < 6e-3
-        return np.where((np.abs(u - width / 2) < 8e-3) | spot, 1.0, 0.0)[skin.owned_cells]
-
-    monkeypatch.setattr(fields, "random_density", spotted)
+    monkeypatch.setattr(fields, "random_density", with_spots((0.2, 0.04, 6e-3)))
     config = SHORT.updated(move_limit=0.01, island_area=0.0)
     left = config.run_design(alone, tmp_path / "left").summary()
     assert left["dropped"]["before"]["islands"] == left["dropped"]["islands_bridged"] == 1
@@ -106,16 +114,8 @@ def test_a_print_that_misses_is_polished_from_each_pattern(
     alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A speck and a larger island: neither, one or both are removed. The best print is kept."""
-
-    def spotted(skin: Skin, seed: int) -> np.ndarray:
-        wall = skin.pattern.cells_of("wall")
-        u, v = skin.pattern.centroids.T
-        width = u[wall].max()
-        spot = np.hypot(u - 0.15 * width, v - 0.02) < 5e-3
-        spot |= np.hypot(u - 0.85 * width, v - 0.04) < 9e-3
-        return np.where((np.abs(u - width / 2) < 8e-3) | spot, 1.0, 0.0)[skin.owned_cells]
-
-    monkeypatch.setattr(fields, "random_density", spotted)
+    spots = with_spots((0.15, 0.02, 5e-3), (0.85, 0.04, 9e-3))
+    monkeypatch.setattr(fields, "random_density", spots)
     config = SHORT.updated(move_limit=0.01, polish_iterations=2, tolerance=1e-6)
     polishes = list[float]()
 

@@ -35,8 +35,7 @@ def design(comm: MPI.Comm, folder: Path, config: Any, stop_at: int | None = None
 
     resume = (folder / "state").exists()
     comm.barrier()
-    values = config.as_dict()
-    free = {key: values.pop(key) for key, one in config.described().items() if one.free}
+    values, free = config.fixed_and_free()
     with open_run(comm, folder, {**values, FREE: free}, resume=resume):
         config.run_design(comm, folder, reporter=Counted(comm, folder))
     return rows

@@ -208,8 +208,7 @@ def inputs_of(scene: SceneFile, name: str) -> dict[str, Any]:
 
     Files are told by their content, folders by their place.
     """
-    values, known = scene.config.as_dict(), scene.config.described()
-    free = {key: values.pop(key) for key in known if known[key].free}
+    values, free = scene.config.fixed_and_free()
     found: dict[str, Any] = {
         "command": name,
         "kind": scene.kind.KIND,

@@ -204,9 +204,8 @@ def _on_whole(
     low = max(least, width / options.spread)
     high = np.maximum(low, np.minimum(width * options.spread, spacing - least))
     radius, bounds = np.clip(local * spacing, low, high) / 2, (low / 2, high / 2)
-    return LinesOfFamily(
-        width, lines, waves.corner_angles(), waves.spacing, radius, bounds
-    ), stripes
+    angles = waves.corner_angles()
+    return LinesOfFamily(width, lines, angles, waves.spacing, radius, bounds), stripes
 
 
 def _with_fewest_ends(best: Stripes, others: Iterator[Stripes], present: Bools) -> Stripes:

@@ -21,7 +21,6 @@ from toros_fem.base.mpi import on_first_rank, require_comm
 from toros_fem.base.scene import NO_TABLE
 from toros_fem.base.validation import require_callable, require_flag, require_kind
 from toros_fem.design.loop.case import Case
-from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.actuators.scene import DesignScene, Level
@@ -171,11 +170,10 @@ def scene_of(
 
 def _inputs(scene: CaseScene, case: Case | None, files: Mapping[str, Path]) -> dict[str, Any]:
     """Return what tells this run from others, as JSON has it (one rank)."""
-    values, known = scene.as_dict(), scene.described()
-    free = {name: values.pop(name) for name in known if known[name].free}
+    values, free = scene.fixed_and_free()
     digest = hashlib.sha256()
     if case is not None:
-        pattern: Pattern = case.pattern
+        pattern = case.pattern
         for array in (pattern.points, pattern.flat_points, case.goal, case.supports.fixed):
             digest.update(np.ascontiguousarray(array).tobytes())
     return {

@@ -459,12 +459,12 @@ class Designer(DensityDesigner):
         self, found: SkinDesign, known: Mapping[float, MeshValues] | None = None
     ) -> MetricErrors:
         """Return the errors of the metrics of a print that has an equilibrium."""
-        made, again = found.printed.evaluation, SimulatedPrint.of(found.printed)
+        made, simulated = found.printed.evaluation, SimulatedPrint.of(found.printed)
         assert made is not None
         problem = made.problem
         assert isinstance(problem, ShapeDesign)
         measures, whole = measures_of(problem, [*found.shape]), problem.whole.pattern
-        return metric_errors(self, self._print_level, measures, again, whole, known)
+        return metric_errors(self, self._print_level, measures, simulated, whole, known)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""

@@ -454,11 +454,10 @@ def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
     if made.printed.failure:
         return {"metrics": {}, "answer": None, **infinite}
     misses, shape = misses_of(made.case), made.shape[1]
+    answer = None if strains is None else StrainResponse(strains, misses.strains_beyond(shape))
     return {
         "metrics": made.metrics,
-        "answer": None
-        if strains is None
-        else StrainResponse(strains, misses.strains_beyond(shape)),
+        "answer": answer,
         "of_metrics": misses.of_metrics(shape),
         "of_shape": misses.of_shape(shape),
         "missed": float(np.linalg.norm(misses(shape))),

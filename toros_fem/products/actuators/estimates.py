@@ -109,7 +109,7 @@ def metric_errors(
     job: Job,
     level: Level,
     measures: Measures,
-    again: SimulatedPrint,
+    simulated: SimulatedPrint,
     whole: Pattern,
     known: Mapping[float, MeshValues] | None = None,
 ) -> MetricErrors:
@@ -122,12 +122,12 @@ def metric_errors(
         level: The mesh of the print.
         measures: Functions of a pattern and the positions of its vertices, by key: metrics, and
             what the shape misses.
-        again: The print, and its shape.
+        simulated: The print, and its shape.
         whole: The whole skin, of which a part may be simulated.
         known: What other meshes tell, as far as this is known.
     """
     begin, scene = time.perf_counter(), job.scene
-    found = {1.0: values_of(*again.near, measures), **(known or {})}
+    found = {1.0: values_of(*simulated.near, measures), **(known or {})}
     failure = None
     try:
         others = coarser_levels(scene, level)
@@ -139,14 +139,14 @@ def metric_errors(
         if ratio in found:
             continue
         try:
-            found[ratio] = values_on(job, other, again, [*measures], ratio)
+            found[ratio] = values_on(job, other, simulated, [*measures], ratio)
         except TorosError as caught:
             failure = failure or str(caught)
             if ratio < 1 and job.comm.rank == 0:
                 log.warning("the check on a finer mesh is left out: %s", caught)
         free_dropped(job.comm)
     finest = min(found)
-    shape = None if finest == 1 else found[finest].at_vertices(again.near[0])
+    shape = None if finest == 1 else found[finest].at_vertices(simulated.near[0])
     intervals = _intervals(found, measures, whole)
     failure = failure if len(found) == 1 else None
     seconds = time.perf_counter() - begin
@@ -180,11 +180,11 @@ def print_intervals(printed: PrintedDesign, coarser: Mapping[float, Case]) -> di
     require_kind("the problem of the print", problem, ShapeDesign, "a ShapeDesign")
     assert isinstance(problem, ShapeDesign)
     rules = problem.regularisation
-    measures, again = measures_of(problem, [*shape_of(made)]), SimulatedPrint.of(printed)
-    found = {1.0: values_of(*again.near, measures)}
+    measures, simulated = measures_of(problem, [*shape_of(made)]), SimulatedPrint.of(printed)
+    found = {1.0: values_of(*simulated.near, measures)}
     for ratio, case in coarser.items():
         try:
-            there = simulated_again(problem.comm, case, rules.scaled(ratio), again, ratio)
+            there = simulated_again(problem.comm, case, rules.scaled(ratio), simulated, ratio)
             found[ratio] = values_at(there, [*measures])
         except (NoEquilibriumError, PatternError) as caught:  # raised by all ranks or by none
             if problem.comm.rank == 0:
@@ -201,13 +201,13 @@ def values_of(pattern: Pattern, positions: Floats, measures: Measures) -> MeshVa
 
 
 def values_on(
-    job: Job, level: Level, again: SimulatedPrint, keys: Sequence[str], ratio: float
+    job: Job, level: Level, simulated: SimulatedPrint, keys: Sequence[str], ratio: float
 ) -> MeshValues:
     """Simulate a print on another mesh, as `simulated_on` does; return what it tells (collective).
 
     Keys are those of metrics, and of what the shape misses.
     """
-    return values_at(simulated_on(job, level, again, ratio), keys)
+    return values_at(simulated_on(job, level, simulated, ratio), keys)
 
 
 def _intervals(

@@ -104,10 +104,10 @@ def print_of_lines(
         return LinePrint(case, regions, problem, made)
     problem = job.problem(fine, level)
 
-    again = SimulatedPrint(near, (case.whole.pattern, cleaned.regions), pressures)
+    simulated = SimulatedPrint(near, (case.whole.pattern, cleaned.regions), pressures)
 
     def start() -> Shape:
-        return near if alike else near_on_coarser(job, level, again)
+        return near if alike else near_on_coarser(job, level, simulated)
 
     made = printed(
         problem,

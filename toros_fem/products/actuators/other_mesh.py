@@ -54,31 +54,31 @@ class SimulatedPrint:
 
 
 def simulated_on(
-    job: Job, level: Level, again: SimulatedPrint, ratio: float
+    job: Job, level: Level, simulated: SimulatedPrint, ratio: float
 ) -> Evaluation[Equilibrium]:
     """Simulate a print on another mesh (collective).
 
     Args:
         level: The mesh.
-        again: The print.
+        simulated: The print.
         ratio: How much longer its edges are than those of the print's own mesh.
 
     Raises:
         NoEquilibriumError: There is none.
     """
     case, rules = job.scene.case(job.comm, level), level.regularisation
-    return simulated_again(job.comm, case, rules, again, ratio)
+    return simulated_again(job.comm, case, rules, simulated, ratio)
 
 
 def simulated_again(
-    comm: MPI.Comm, case: Case, rules: Regularisation, again: SimulatedPrint, ratio: float
+    comm: MPI.Comm, case: Case, rules: Regularisation, simulated: SimulatedPrint, ratio: float
 ) -> Evaluation[Equilibrium]:
     """Simulate a print on the mesh of a case, as `simulated_on` does (collective)."""
-    if again.printed is not None:
-        case = case_of_print(comm, case, *again.printed, coarser=ratio)
+    if simulated.printed is not None:
+        case = case_of_print(comm, case, *simulated.printed, coarser=ratio)
     problem = ShapeDesign(comm, case, rules.plain)
-    start, plain = state_near(problem, *again.near), np.zeros(len(problem.designed))
-    return problem.simulate_binary(plain, start=start, pressure=again.pressures)
+    start, plain = state_near(problem, *simulated.near), np.zeros(len(problem.designed))
+    return problem.simulate_binary(plain, start=start, pressure=simulated.pressures)
 
 
 def coarser_levels(scene: DesignScene, level: Level) -> dict[float, Level]:
@@ -101,7 +101,7 @@ def coarser_levels(scene: DesignScene, level: Level) -> dict[float, Level]:
     return found
 
 
-def near_on_coarser(job: Job, level: Level, again: SimulatedPrint) -> Shape:
+def near_on_coarser(job: Job, level: Level, simulated: SimulatedPrint) -> Shape:
     """Return the shape of a print on a coarser mesh, or the given one without any (collective).
 
     The steps from a far start are cheap there. The coarsest mesh comes first.
@@ -111,9 +111,9 @@ def near_on_coarser(job: Job, level: Level, again: SimulatedPrint) -> Shape:
         others = coarser_levels(job.scene, level)
     for ratio, other in reversed(others.items()):
         with suppress(TorosError):
-            again = replace(again, near=_shape(simulated_on(job, other, again, ratio)))
+            simulated = replace(simulated, near=_shape(simulated_on(job, other, simulated, ratio)))
         free_dropped(job.comm)
-    return again.near
+    return simulated.near
 
 
 def _shape(made: Evaluation[Equilibrium]) -> Shape:

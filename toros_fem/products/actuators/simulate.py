@@ -139,9 +139,11 @@ def simulate_actuator(
         last, measures = points[-1].result, {m.key: m.measure for m in made.judged}
         errors = MetricErrors(failure="a file of triangles has no polygons to print anew.")
         if pattern is None or regions is not None:
-            again = SimulatedPrint((made.pattern, points[-1].positions), regions, last.pressures)
+            simulated = SimulatedPrint(
+                (made.pattern, points[-1].positions), regions, last.pressures
+            )
             job = Job(comm, scene)
-            errors = metric_errors(job, level, measures, again, made.whole.pattern)
+            errors = metric_errors(job, level, measures, simulated, made.whole.pattern)
         found = replace(found, errors=errors, intervals=errors.intervals, told=errors.told)
     write_summary(comm, output, found)
     draw_pictures(comm, output)
@@ -165,9 +167,9 @@ def case_to_simulate(
     level = scene.finest_level
     made = scene.case(comm, level)
     if pattern is None:
-        count = len(made.pattern.panel)
-        given = np.zeros(count) if made.prescribed is None else made.prescribed
-        return made, level, np.nan_to_num(given, nan=0.0), None
+        given = made.prescribed
+        plain = np.zeros(len(made.pattern.panel))
+        return made, level, plain if given is None else np.nan_to_num(given, nan=0.0), None
     path = Path(pattern)
     source, printed = read_print(comm, path / NAME if path.is_dir() else path)
     stored = None
