@@ -59,8 +59,9 @@ from toros_fem.measures.cross_sections import (
 from toros_fem.measures.gap import Body
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.assembly.model import SkinModel, make_model
-from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.contact.bodies import Ground, RigidBody
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.readings.holding import HoldingObjective

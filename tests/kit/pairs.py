@@ -51,7 +51,7 @@ from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
-from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

@@ -12,7 +12,9 @@ from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
 from toros_fem.mechanics.assembly.model import SkinModel, make_model
-from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.contact.bodies import Ground
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.designs import LineDesign

@@ -112,7 +112,7 @@ def condition_of(
 
 def _folds(model: SkinModel, state: Floats) -> int:
     """Return the number of edges at which the skin lies on itself, and nothing hinders it."""
-    if model.contact is not None and model.contact.contact.self_contact:
+    if model.contact is not None and model.contact.self_contact:
         return 0
     return model.count_folds(state, FOLDED) // 2  # each edge is seen from both sides
 

@@ -108,7 +108,7 @@ class Equilibrium:
 def readings(model: SkinModel, state: Floats) -> dict[str, Any]:
     """Return the fields that the model tells of a state under its load (collective)."""
     volumes, contact, poses = tuple(float(v) for v in model.volumes(state)), model.contact, None
-    if contact is not None and contact.contact.bodies:
+    if contact is not None and len(contact.poses):
         poses = tuple(tuple(map(float, pose)) for pose in contact.poses_of(state))
     return {
         "state": state,

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.mirror import FLAT
@@ -84,9 +83,9 @@ class PrescribedDisplacement:
         poses: Floats = np.zeros((0, 6))
         left = poses
         if contact is not None:
-            distance, poses = contact.sizes.distance, contact.poses.copy()
+            distance, poses = contact.distance, contact.poses.copy()
             left = -poses if end.poses is None else end.poses - poses
-            reach = max(reach, _reach(contact.contact.bodies, left))
+            reach = max(reach, contact.reach(left))
         if reach == 0:
             return state, 1.0
         probe = PROBE * distance / reach
@@ -107,9 +106,3 @@ class PrescribedDisplacement:
             for fixed in self._model.supports.fixed.T:
                 self._solvers.append(harmonic_extension(laplacian, fixed))
         return np.stack([f(jump[:, k]) for k, f in enumerate(self._solvers)], axis=1)
-
-
-def _reach(bodies: Sequence[RigidBody], change: Floats) -> float:
-    """Return the largest motion in m of a body by a change of the poses."""
-    turned = [float(np.linalg.norm(c[3:]) * b.radius) for c, b in zip(change, bodies, strict=True)]
-    return max([float(np.abs(change[:, :3]).max(initial=0.0)), *turned], default=0.0)

@@ -16,7 +16,6 @@ from toros_fem.base.mpi import norm, on_first_rank, smallest, together, warn_tog
 from toros_fem.base.validation import real_numbers, require_callable, require_flag, require_kind
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.model import SkinModel, make_model
-from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,
@@ -36,6 +35,7 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.loads import Weight
+from toros_fem.mechanics.terms.term import ContactSettings
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.triangles import harmonic_extension
@@ -215,7 +215,7 @@ class EquilibriumSolver(TangentSolver):
             equilibrium may have snapped, is near a limit point, blown up or folded; on every rank.
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None for none.
-        contact: What it touches: itself, the ground, bodies; None for nothing.
+        contact: What it touches: itself, the ground, bodies, as a `Contact`; None for nothing.
         design: Makes of skin and composite what is designed; None for densities. A
             `functools.partial` of `LineDesign` makes line families.
         quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
@@ -236,7 +236,7 @@ class EquilibriumSolver(TangentSolver):
         *,
         chambers: Chambers | None = None,
         weight: Weight | None = None,
-        contact: Contact | None = None,
+        contact: ContactSettings | None = None,
         design: Callable[[Skin, Composite], Densities] | None = None,
         quadratic: Bools | None = None,
         periodic: Periodic | None = None,
@@ -255,7 +255,8 @@ class EquilibriumSolver(TangentSolver):
         _warn_of_odd_sheets(skin, composite)
         self.options = on_first_rank(skin.comm, lambda: _settings(options))
         super().__init__(model, self.options, log)
-        self.log, self.contact, self._further = log, contact, further
+        self.contact: Any = contact  # a `Contact`, whose module only those load who have one
+        self.log, self._further = log, further
         self._prescribed = PrescribedDisplacement(model)
 
     def solve(

@@ -22,7 +22,7 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_mesh
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
