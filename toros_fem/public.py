@@ -26,7 +26,7 @@ from toros_fem.measures.metrics import Metric, bend_angle, length_ratio, swellin
 from toros_fem.measures.shape import ShapePart
 from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.contact import Contact
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import limit_points

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.base.units import duration
 from toros_fem.design.loop.options import Iteration
-from toros_fem.mechanics.equilibrium.continuation import NewtonStep
+from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.results.console import ProgressBar, header, line, print_step
 
 

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from toros_fem.base.units import duration
 from toros_fem.design.loop.options import Iteration
-from toros_fem.mechanics.equilibrium.continuation import NewtonStep
+from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 
 Item = TypeVar("Item")
 # Least width of a column that holds a metric.

@@ -14,8 +14,12 @@ from toros_fem.base.keys import In, Positive, Real, Table, key
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.assembly.tangent import UpperTangent
-from toros_fem.mechanics.equilibrium.diagnostics import condition_of
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError, readings
+from toros_fem.mechanics.equilibrium.equilibrium import (
+    Equilibrium,
+    EquilibriumError,
+    condition_of,
+    readings,
+)
 from toros_fem.mechanics.equilibrium.iteration import RESOLVED, STAGNATED, STUCK, UNRESOLVED
 from toros_fem.mechanics.equilibrium.linear_solver import MumpsFactor
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
