@@ -28,8 +28,7 @@ from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.trace import trace
-from toros_fem.mechanics.paths.trace_point import limit_points
+from toros_fem.mechanics.paths.trace import limit_points, trace
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp, clamp_where, pin, symmetry_plane

@@ -12,7 +12,6 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.materials.sheet import Composite, Material
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium import equilibrium
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Condition,
@@ -26,6 +25,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import Skin, cylinder, sew
 from toros_fem.meshes.makers.sheets import rectangle
 

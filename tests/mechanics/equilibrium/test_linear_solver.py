@@ -13,8 +13,6 @@ from petsc4py import PETSc
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
-from toros_fem.mechanics.assembly.model import make_model
-from toros_fem.mechanics.assembly.tangent import EXACT, MATERIAL, STRAINS, UpperTangent
 from toros_fem.mechanics.equilibrium.cholmod import library
 from toros_fem.mechanics.equilibrium.linear_solver import (
     LEAST,
@@ -24,6 +22,8 @@ from toros_fem.mechanics.equilibrium.linear_solver import (
     find_partition,
 )
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
+from toros_fem.mechanics.terms.model import make_model
+from toros_fem.mechanics.terms.tangent import EXACT, MATERIAL, STRAINS, UpperTangent
 from toros_fem.meshes import Skin, cylinder, sew
 
 

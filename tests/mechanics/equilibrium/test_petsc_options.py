@@ -187,6 +187,6 @@ def test_what_a_hook_raises_passes(solve: Solve, monkeypatch: pytest.MonkeyPatch
     def interrupted(*_: Any) -> float:
         raise KeyboardInterrupt("by the user")
 
-    monkeypatch.setattr("toros_fem.mechanics.assembly.model.SkinModel.largest_step", interrupted)
+    monkeypatch.setattr("toros_fem.mechanics.terms.model.SkinModel.largest_step", interrupted)
     with pytest.raises(KeyboardInterrupt, match="by the user"):
         solve()

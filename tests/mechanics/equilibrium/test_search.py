@@ -6,7 +6,6 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite, Material
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.newton import Attempt, NewtonOptions
 from toros_fem.mechanics.equilibrium.search import (
     ContinuationResult,
@@ -16,6 +15,7 @@ from toros_fem.mechanics.equilibrium.search import (
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
+from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import Skin, sew
 from toros_fem.meshes.makers.sheets import disc
 

@@ -18,10 +18,8 @@ from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths import arc_length
-from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
-from toros_fem.mechanics.paths.trace import trace
-from toros_fem.mechanics.paths.trace_point import TracePoint, limit_points
+from toros_fem.mechanics.paths import trace as paths
+from toros_fem.mechanics.paths.trace import ArcLengthOptions, TracePoint, limit_points, trace
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.loads import Weight
@@ -188,7 +186,7 @@ def test_a_path_ends_where_it_is_told(pyramid: Scene) -> None:
 
 def test_a_step_that_fails_is_halved(pyramid: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """However small the first one was: steps grow until one takes too many of Newton's."""
-    monkeypatch.setattr(arc_length, "MAX_STEPS", 2)
+    monkeypatch.setattr(paths, "MAX_STEPS", 2)
     assert len(followed(pyramid, first=1e-3, first_increment=1e-6, max_points=25)) == 25
 
 
@@ -207,7 +205,7 @@ def test_paths_that_cannot_be_followed(pyramid: Scene, monkeypatch: pytest.Monke
         options=options,
     )
     assert next(path).load_factor == 1e-3
-    monkeypatch.setattr(arc_length, "TURN", 2.0)
+    monkeypatch.setattr(paths, "TURN", 2.0)
     with pytest.raises(EquilibriumError, match="the path ends at load factor 0.001") as caught:
         next(path)
     assert not caught.value.result.converged

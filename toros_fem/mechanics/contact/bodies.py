@@ -32,9 +32,9 @@ from toros_fem.base.validation import (
     unit_vector,
     whole_numbers,
 )
-from toros_fem.measures.rotation import axial, skew
+from toros_fem.measures.rotation import axial
 from toros_fem.meshes.surfaces.surface import Surface, holes, volume
-from toros_fem.meshes.triangles import corner_angles, normals, surface_areas
+from toros_fem.meshes.triangles import corner_angles, normals, skew, surface_areas
 
 # Faces around a vertex whose normals spread by less than this, in rad, count as one plane.
 FLAT = 0.05

@@ -12,11 +12,11 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import dot, largest, norm
-from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.stretch_bounds import singular_values
+from toros_fem.mechanics.terms.model import SkinModel
 
 # A hinge folded by more than this angle, in rad, is near the angle where its energy jumps.
 FOLDED = math.radians(170)

@@ -14,8 +14,8 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, largest, norm, smallest
-from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.linear_solver import PREFIX, ShiftLadder, TangentFactor
+from toros_fem.mechanics.terms.model import SkinModel
 
 # PETSc's reason where a residual is not finite; its name is another one from 3.25.
 NO_NUMBER = -4

@@ -16,7 +16,6 @@ from toros_fem.base.compat import option_used
 from toros_fem.base.errors import ParameterError, TorosWarning
 from toros_fem.base.keys import Count, Fraction, In, Table, key
 from toros_fem.base.mpi import warn_together
-from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.iteration import (
     COUPLED_ITERATIONS,
     COUPLED_LEFT,
@@ -28,6 +27,7 @@ from toros_fem.mechanics.equilibrium.iteration import (
 )
 from toros_fem.mechanics.equilibrium.linear_solver import PREFIX, ShiftedCholesky
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds
+from toros_fem.mechanics.terms.model import SkinModel
 
 # Residual over the applied load at which a trial's objective is known well enough.
 TRIAL_TOLERANCE = 1e-6

@@ -15,7 +15,6 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import largest, norm, on_first_rank, together
 from toros_fem.base.validation import real_numbers
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.equilibrium import (
     FOLDED,
     Condition,
@@ -31,6 +30,7 @@ from toros_fem.mechanics.equilibrium.iteration import NO_NUMBER, STAGNATED, Newt
 from toros_fem.mechanics.equilibrium.newton import Attempt, Attempts, Newton
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
+from toros_fem.mechanics.terms.model import SkinModel
 from toros_fem.meshes.mirror import FLAT
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import harmonic_extension
@@ -141,14 +141,14 @@ class Search:
             # Nothing moves, and the solve has failed; or the stretch bounds end the way.
             if part > longest or (part < SHORTEST_CARRY and model.contact is None):
                 break
-            there = 1.0 if part == 1 else gone + part * (1 - gone)
-            model.set_load(begin.towards(end, there) if there < 1 else end)
-            found = self.attempts(moved, trial=self.trial or there < 1)
-            outcome = found.outcome
-            if found.converged and there == 1:
-                return ContinuationResult(found.state, 1.0, outcome)
-            if found.converged:
-                state, gone, longest = found.state, there, min(1.0, 4 * longest)
+            level = 1.0 if part == 1 else gone + part * (1 - gone)
+            model.set_load(begin.towards(end, level) if level < 1 else end)
+            attempt = self.attempts(moved, trial=self.trial or level < 1)
+            outcome = attempt.outcome
+            if attempt.converged and level == 1:
+                return ContinuationResult(attempt.state, 1.0, outcome)
+            if attempt.converged:
+                state, gone, longest = attempt.state, level, min(1.0, 4 * longest)
             else:
                 longest = part / 4
             if longest < SHORTEST_CARRY:
@@ -263,14 +263,14 @@ class PrescribedDisplacement:
 Way = Callable[[Search], ContinuationResult | None]
 
 
-def reached(found: Attempt) -> ContinuationResult | None:
+def reached(attempt: Attempt) -> ContinuationResult | None:
     """Return what an attempt under the whole load found; None where it found nothing."""
-    return ContinuationResult(found.state, 1.0, found.outcome) if found.converged else None
+    return ContinuationResult(attempt.state, 1.0, attempt.outcome) if attempt.converged else None
 
 
-def whole(found: ContinuationResult) -> ContinuationResult | None:
+def whole(end: ContinuationResult) -> ContinuationResult | None:
     """Return the end of a continuation; None where it stopped before."""
-    return found if found.load_factor == 1.0 else None
+    return end if end.load_factor == 1.0 else None
 
 
 def carried(search: Search) -> ContinuationResult | None:
@@ -295,11 +295,11 @@ def opened(search: Search) -> ContinuationResult | None:
     factor = OPENING * model.soft_modulus() / (load.largest * pattern.size)
     if model.volumes(model.assembled).sum() > FLAT_SKIN * sphere or factor <= LOWERED:
         return None
-    found = search.attempt(model.assembled, load.scaled(factor))
-    while found.converged and factor > 1:
+    attempt = search.attempt(model.assembled, load.scaled(factor))
+    while attempt.converged and factor > 1:
         factor = max(1.0, factor / LOWERED)
-        found = search.attempt(found.state, load.scaled(factor))
-    return reached(found)
+        attempt = search.attempt(attempt.state, load.scaled(factor))
+    return reached(attempt)
 
 
 def at_once(search: Search) -> ContinuationResult | None:
@@ -322,8 +322,8 @@ def from_rest(search: Search) -> ContinuationResult | None:
     if not load.moves_bodies:
         return None
     rest = replace(load, poses=np.zeros_like(load.poses))
-    found = search.attempt(search.model.assembled, rest)
-    return whole(search.carry(found.state, rest)) if found.converged else None
+    attempt = search.attempt(search.model.assembled, rest)
+    return whole(search.carry(attempt.state, rest)) if attempt.converged else None
 
 
 def by_load(search: Search) -> ContinuationResult | None:
@@ -334,16 +334,16 @@ def by_load(search: Search) -> ContinuationResult | None:
     if load.largest:  # that of a pressure that strains by a few per cent
         small = 0.1 * model.composite.least_stiffness / model.skin.pattern.size
         increment = min(small / load.largest, 1 / 4)
-    found = run_continuation(
+    end = run_continuation(
         lambda state, fraction: search.attempt(state, load.scaled(fraction)),
         ContinuationResult(model.assembled, None, search.first.outcome),
         increment,
         search.newton.least_increment,
     )
-    if found.load_factor is None:
-        found = replace(found, state=search.start)
-    search.failure = found
-    return whole(found)
+    if end.load_factor is None:
+        end = replace(end, state=search.start)
+    search.failure = end
+    return whole(end)
 
 
 def by_supports(search: Search) -> ContinuationResult | None:
@@ -379,11 +379,11 @@ def run_continuation(
     first, fastest = increment, 4
     while load_factor is None or load_factor < 1.0:
         level = min(1.0, (load_factor or 0.0) + increment)
-        found = attempt(state, level)
-        outcome = found.outcome
-        if found.converged:
-            state, load_factor = found.state, level
-            increment *= fastest if found.steps <= EASY else 2
+        tried = attempt(state, level)
+        outcome = tried.outcome
+        if tried.converged:
+            state, load_factor = tried.state, level
+            increment *= fastest if tried.steps <= EASY else 2
             continue
         fastest = 2
         increment = (level - (load_factor or 0.0)) / 4
@@ -411,9 +411,9 @@ def search_equilibrium(search: Search) -> ContinuationResult:
     if contact and search.near is not None and search.load.moves_from(search.near.load):
         ways = (carried,)
     for way in ways:
-        found = way(search)
-        if found is not None:
-            return found
+        end = way(search)
+        if end is not None:
+            return end
     return search.failure
 
 
@@ -448,9 +448,9 @@ def settle(
             snapped = may_snap(model, search.newton.factor, origin, point)
         if origin is not None or not search.direct:
             critical = critical_load(model, search.newton.factor, point)
-    found = _read(search, end, snapped, critical, log)
+    equilibrium = _read(search, end, snapped, critical, log)
     before = origin if search.trial else None
-    return replace(found, begin=begin, before=before)
+    return replace(equilibrium, begin=begin, before=before)
 
 
 def residual_at(model: SkinModel, newton: Newton, state: Floats) -> float:
@@ -463,11 +463,11 @@ def sliding_at(model: SkinModel, state: Floats) -> Floats | None:
     return None if model.contact is None else model.contact.end_step(state)
 
 
-def same_design(model: SkinModel, one: Floats, two: Floats) -> bool:
+def same_design(model: SkinModel, first: Floats, second: Floats) -> bool:
     """Return whether two designs are the same, and of the same kind (collective)."""
-    if one.shape[1:] != two.shape[1:]:
+    if first.shape[1:] != second.shape[1:]:
         return False
-    return largest(model.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
+    return largest(model.skin.comm, float(np.abs(first - second).max(initial=0.0))) == 0
 
 
 def _read(

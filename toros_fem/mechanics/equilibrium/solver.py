@@ -14,7 +14,6 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError, TorosWarni
 from toros_fem.base.mpi import norm, on_first_rank, smallest, together, warn_together
 from toros_fem.base.validation import require_callable, require_flag, require_kind
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,
     EquilibriumError,
@@ -38,9 +37,10 @@ from toros_fem.mechanics.equilibrium.search import (
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
-from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.loads import Weight
+from toros_fem.mechanics.terms.model import SkinModel, make_model
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.mechanics.terms.term import ContactSettings
 from toros_fem.meshes.skin import Skin
 

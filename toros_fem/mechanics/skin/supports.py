@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import permutations, product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,8 +25,10 @@ from toros_fem.base.validation import (
 )
 from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import OtherMesh
 from toros_fem.meshes.triangles import edge_keys, following, half_edges, opposite_edges
+
+if TYPE_CHECKING:
+    from toros_fem.meshes.transfer import OtherMesh
 
 # Cosine between a guided edge and the normal of its plane.
 SQUARE = 1e-3

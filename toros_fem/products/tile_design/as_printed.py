@@ -20,7 +20,7 @@ from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
-from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.estimates import COARSER

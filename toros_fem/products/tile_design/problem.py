@@ -19,7 +19,7 @@ from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
 from toros_fem.mechanics.equilibrium.iteration import NewtonStep
-from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.skin import sew
 from toros_fem.products.tables.sheets import Sheets

@@ -18,8 +18,8 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.meshes.skin import Skin
 
 ALONG = np.array([[1.0, 0], [0, 0], [0, 0]])

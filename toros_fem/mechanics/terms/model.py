@@ -18,15 +18,13 @@ from toros_fem.base.validation import require_callable, require_kind
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.coefficients import cell_space
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.patch_space import make_patch, positions
-from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.skin.patch_space import cell_space, make_patch, positions
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.skin.supports import Planes, Supports
-from toros_fem.mechanics.terms.images import Images
 from toros_fem.mechanics.terms.loads import DeadForce, OwnWeight, Pressure, Weight
+from toros_fem.mechanics.terms.periodic import Images, Periodic
 from toros_fem.mechanics.terms.sheet import (
     Bend,
     Courses,
