@@ -40,7 +40,7 @@ from toros_fem.cli.commands.main import run
 from toros_fem.forms.lines import fabric_factor
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.trace import TracePoint
+from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import sew
 from toros_fem.products.tubes.tube import bend_metric

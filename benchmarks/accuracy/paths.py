@@ -26,7 +26,9 @@ from benchmarks.accuracy.snapping import (
 from benchmarks.accuracy.tubes import RADIUS
 from benchmarks.bench import Case, Row, Rows, markdown, timed, values_of
 from toros_fem.base.array_types import Floats
-from toros_fem.mechanics.paths.trace import ArcLengthOptions, TracePoint, limit_points, trace
+from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
+from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.paths.trace_point import TracePoint, limit_points
 from toros_fem.mechanics.skin.load import Load
 
 ROOF_OPTIONS = ArcLengthOptions(first=0.01, lowest=None, highest=1.0, largest_increment=0.05)

@@ -62,7 +62,7 @@ from toros_fem.mechanics.contact.bodies import Ground, RigidBody
 from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
-from toros_fem.mechanics.paths.trace import ArcLengthOptions
+from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.readings.wrinkles import wrinkles
 from toros_fem.mechanics.skin.chambers import Chambers, chambers_of_panels, find_walls

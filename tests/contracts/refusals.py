@@ -35,7 +35,8 @@ from toros_fem.measures.between_regions import tip_frame
 from toros_fem.measures.gap import Body
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.paths.trace import ArcLengthOptions, TracePoint
+from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
+from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force

@@ -18,7 +18,7 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import LibraryMaterial
-from toros_fem.mechanics.paths import trace  # noqa: F401
+from toros_fem.mechanics.paths import arc_length  # noqa: F401
 from toros_fem.products.kinds import KINDS
 
 

@@ -15,7 +15,7 @@ from toros_fem.base.scene import Scene
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.measures.metrics import Metric
-from toros_fem.mechanics.paths.trace import TracePoint
+from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.record import write_path

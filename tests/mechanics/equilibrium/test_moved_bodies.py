@@ -15,7 +15,7 @@ from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError, critical_load
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths import trace as paths
+from toros_fem.mechanics.paths import arc_length
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import cylinder, sew
@@ -104,7 +104,7 @@ def test_a_part_of_the_weight_is_restored(alone: MPI.Comm) -> None:
 def test_a_path_by_arc_length_without_a_first_point_says_so(
     drum: Drum, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(paths._ArcLength, "_factorise", lambda *_: None)
+    monkeypatch.setattr(arc_length._ArcLength, "_factorise", lambda *_: None)
     force = np.zeros(drum.pattern.points.shape)
     force[:, 2] = -1e-3
     path = trace(drum.solver, drum.plain, Load(force=force), by="arc-length")

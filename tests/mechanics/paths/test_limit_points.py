@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from toros_fem.mechanics.paths.trace import TracePoint, limit_points
+from toros_fem.mechanics.paths.trace_point import TracePoint, limit_points
 
 
 def point(load_factor: float, at: float | None, rate: float | None) -> TracePoint:

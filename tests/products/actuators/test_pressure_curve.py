@@ -23,7 +23,7 @@ from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.materials.sheet import Bending, Composite, Material
 from toros_fem.measures.metrics import Measurement, Metric, bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.paths.trace import TracePoint
+from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.meshes import Skin, cylinder, moulded, sew
 from toros_fem.products.actuators.pressure_curve import (

@@ -22,12 +22,8 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.trace import (
-    TracePoint,
-    follow_pressures,
-    measured_point,
-    until_failure,
-)
+from toros_fem.mechanics.paths.trace import follow_pressures
+from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
 from toros_fem.products.tables.loads import ResultTable
 from toros_fem.results.frames.record import shown_skin, write_path
 from toros_fem.results.runs.warnings import notes_at

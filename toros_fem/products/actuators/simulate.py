@@ -22,7 +22,8 @@ from toros_fem.making.print.regions import case_of_print
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.trace import TracePoint, trace
+from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.skin import sew

@@ -27,7 +27,7 @@ from toros_fem.mechanics.contact.solids import rigid_mesh
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_out, slip_under
-from toros_fem.mechanics.paths.trace import until_failure
+from toros_fem.mechanics.paths.trace_point import until_failure
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.loads import GRAVITY
 from toros_fem.meshes.mirror import Mirrored

@@ -18,7 +18,8 @@ from toros_fem.base.scene import Scene
 from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Metric, shortening, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.trace import TracePoint, trace
+from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.triangles import expected_triangles, require_affordable

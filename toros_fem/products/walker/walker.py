@@ -30,7 +30,8 @@ from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.trace import trace, until_failure
+from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.paths.trace_point import until_failure
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.mechanics.terms.loads import Weight

@@ -15,7 +15,7 @@ from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.measures.miss import compared_axes, is_aligned
-from toros_fem.mechanics.paths.trace import TracePoint
+from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.results.frames.files import FOLDER, Frame, forget_from, thin, write_frame
