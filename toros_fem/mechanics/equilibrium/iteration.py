@@ -94,7 +94,7 @@ class NewtonStep:
         )
 
 
-class Iteration:
+class NewtonIteration:
     """Newton's iteration on a skin: the hooks of a SNES, its KSP and its line search.
 
     Each step goes through `_tangent`, `_end_iteration`, `_limit`, `_merit` and `_end_step`, in this

@@ -20,7 +20,7 @@ from toros_fem.mechanics.equilibrium.iteration import (
     COUPLED_ITERATIONS,
     COUPLED_LEFT,
     INEXACT,
-    Iteration,
+    NewtonIteration,
     NewtonStep,
     Reason,
     load_at,
@@ -70,7 +70,7 @@ class Newton:
     """Newton's method on E from a start, at the load and density set in the model.
 
     SNES is of type "newtonls": KSP solves (K + τM) p = r, and the line search `bt` halves the step
-    until the energy falls. Its hooks, an `Iteration`, hold what PETSc has not, as
+    until the energy falls. Its hooks, a `NewtonIteration`, hold what PETSc has not, as
     docs/theory/equilibrium.md lists. A state is an equilibrium where K is positive definite and the
     residual is below the tolerance times the applied load, or below the rounding of the positions.
     Where rounding keeps the residual from falling further, STAGNATED is enough, or UNRESOLVED where
@@ -90,7 +90,7 @@ class Newton:
         log: Callable[[NewtonStep], None] | None = None,
     ) -> None:
         self.model, self.least_increment = model, options.min_increment
-        self._iteration = Iteration(model, options.fraction_to_barrier, log)
+        self._iteration = NewtonIteration(model, options.fraction_to_barrier, log)
         self.factor, self.ladder = self._iteration.factor, self._iteration.ladder
         self._x, force = self.factor.matrix.createVecs()
         self._snes = snes = PETSc.SNES().create(model.skin.comm)

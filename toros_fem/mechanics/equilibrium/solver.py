@@ -48,8 +48,6 @@ from toros_fem.meshes.skin import Skin
 SAME_RESIDUAL = 10.0
 # Thickness over the skin's size from which a unit is in doubt.
 THICK = 0.1
-
-
 # With friction, residual over the right-hand side at which GMRES ends, that is enough, and its
 # largest number of iterations.
 TOLERANCE, ALLOWED, ITERATIONS = 1e-11, 1e-8, 200

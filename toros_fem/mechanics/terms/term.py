@@ -189,7 +189,7 @@ class ContactTerm(Term, ABC):
 
 
 class ContactSettings(ABC):
-    """What is given of contact: `mechanics.contact.contact.Contact`, by which the solver loads it.
+    """What is given of contact: a `mechanics.contact.contact.Contact`, which makes its own term.
 
     So a solver without contact knows nothing of ground, bodies and friction.
     """
