@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -41,8 +41,10 @@ from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.mechanics.terms.periodic import Periodic
-from toros_fem.mechanics.terms.term import ContactSettings
 from toros_fem.meshes.skin import Skin
+
+if TYPE_CHECKING:  # who has contact has imported it
+    from toros_fem.mechanics.contact.contact import Contact
 
 # Factor on the residual of a saved equilibrium up to which it is the same one.
 SAME_RESIDUAL = 10.0
@@ -217,7 +219,7 @@ class EquilibriumSolver(TangentSolver):
             equilibrium may have snapped, is near a limit point, blown up or folded; on every rank.
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None for none.
-        contact: What it touches: itself, the ground, bodies, as a `Contact`; None for nothing.
+        contact: What it touches: itself, the ground, bodies; None for nothing.
         design: Makes of skin and composite what is designed; None for densities. A
             `functools.partial` of `LineDesign` makes line families.
         quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
@@ -238,7 +240,7 @@ class EquilibriumSolver(TangentSolver):
         *,
         chambers: Chambers | None = None,
         weight: Weight | None = None,
-        contact: ContactSettings | None = None,
+        contact: Contact | None = None,
         design: Callable[[Skin, Composite], Densities] | None = None,
         quadratic: Bools | None = None,
         periodic: Periodic | None = None,
@@ -257,8 +259,7 @@ class EquilibriumSolver(TangentSolver):
         _warn_of_odd_sheets(skin, composite)
         self.options = on_first_rank(skin.comm, lambda: _settings(options))
         super().__init__(model, self.options, log)
-        self.contact: Any = contact  # a `Contact`, whose module only those load who have one
-        self.log, self._further = log, further
+        self.log, self.contact, self._further = log, contact, further
         self._prescribed = PrescribedDisplacement(model)
 
     def solve(
