@@ -194,9 +194,7 @@ def test_volumes_lead_past_the_largest_pressure(alone: MPI.Comm) -> None:
     chosen = [peak - 3, peak + 2, peak + 4, peak + 6]
     assert not by_arc[chosen[1]].stable
     start = scene.solver.solve(scene.density, pressures[0])
-    path = trace(
-        scene.solver, scene.density, [*volumes[chosen]], by="volume", start=start
-    )
+    path = trace(scene.solver, scene.density, [*volumes[chosen]], by="volume", start=start)
     for number, point in zip(chosen, path, strict=True):
         assert point.result.volume == pytest.approx(volumes[number], rel=1e-8)
         assert point.result.pressure == pytest.approx(pressures[number], rel=1e-5)

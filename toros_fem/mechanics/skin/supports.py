@@ -375,9 +375,9 @@ class Planes:
     """What closes free borders: symmetry planes, coordinate planes through the origin, held rims.
 
     A border is closed by a plane in which it is fixed. One that is fixed in all components and lies
-    in no such plane is a rim: the fan about its mean closes it. A cone from the origin over what is missing
-    in a plane through the origin has no volume. Where planes cut the skin on both sides, as z = 0
-    and z = L do, one of them does not contain the origin: there a lid must be counted.
+    in no such plane is a rim: the fan about its mean closes it. A cone from the origin over what is
+    missing in a plane through the origin has no volume. Where planes cut the skin on both sides, as
+    z = 0 and z = L do, one of them does not contain the origin: there a lid must be counted.
 
     Attributes:
         origin: Point from which cones are taken, (3,), in m: in one plane across each axis that
@@ -404,14 +404,16 @@ class Planes:
 
     def _close_rims(self) -> None:
         """Let borders that are fixed in all components, and in no plane as a whole, be rims."""
-        ends, held = self._pattern.free_edges, self._supports.fixed.all(axis=1)
+        ends = self._pattern.free_edges
+        held: Bools = np.asarray(self._supports.fixed.all(axis=1))
         in_symmetry = np.zeros(len(ends), dtype=bool)
         for k, at in self._supports.planes:
             in_symmetry |= self._held(k, at)[ends].all(axis=1)
         others = np.flatnonzero(~in_symmetry)
-        if not len(others) or (self._axis >= 0).all():
+        if held.all() or not len(others) or (self._axis >= 0).all():
             return
-        border = linked(*ends[others].T, len(held))[ends[others, 0]]
+        begin, end = ends[others].T
+        border = linked(begin, end, len(held))[begin]
         for one in np.unique(border[self._axis[others] < 0]):
             edges = others[border == one]
             if held[ends[edges]].all():

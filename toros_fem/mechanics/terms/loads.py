@@ -181,8 +181,8 @@ class Pressure(PotentialTerm):
         """Return the part of the first variation in N that is no pressure on the skin, (n, 3).
 
         A pressure P gives each corner of a triangle a third of its force. The derivatives of the
-        cones of eq. (7) do so inside the skin, and lack P a × b/6 at both ends of a free edge from a
-        to b; lids have a part at their vertices (collective).
+        cones of eq. (7) do so inside the skin, and lack P a × b/6 at both ends of a free edge from
+        a to b; lids have a part at their vertices (collective).
         """
         pattern, out = self._skin.pattern, np.zeros_like(positions(self._skin, x))
         border = pattern.edges.twins[pattern.edges.border, 0]
