@@ -28,17 +28,11 @@ from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.rigid_panels import (
-    panel_stiffness,
-    solve_for,
-    solve_rigid,
-    wrench,
-)
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import limit_points
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import clamp, clamp_where, displace, pin, symmetry_plane
+from toros_fem.mechanics.skin.supports import clamp, clamp_where, pin, symmetry_plane
 from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.corrections import corrected
@@ -66,7 +60,6 @@ __all__ = [  # noqa: RUF022
     "clamp",
     "clamp_where",
     "pin",
-    "displace",
     "symmetry_plane",
     "Chambers",
     "Contact",
@@ -78,10 +71,6 @@ __all__ = [  # noqa: RUF022
     "NewtonOptions",
     "trace",
     "limit_points",
-    "wrench",
-    "panel_stiffness",
-    "solve_rigid",
-    "solve_for",
     # Measures of a shape
     "Metric",
     "bend_angle",

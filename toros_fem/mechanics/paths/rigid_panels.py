@@ -255,7 +255,7 @@ def solve_for(
     require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
     require_callable("load", load, "a function of a number")
     require_callable("reading", reading, "a function of an Equilibrium")
-    first, second = checked_floats("between", between, "two finite numbers", (2,)).tolist()
+    first, second = map(float, checked_floats("between", between, "two finite numbers", (2,)))
     require_finite(goal=goal)
     require_positive(tolerance=tolerance)
     known: dict[float, Equilibrium] = {}
@@ -369,9 +369,11 @@ def _names(panels: Sequence[str]) -> str:
 
 
 def _composed(pose: Floats, step: Floats) -> Floats:
-    """Return a pose after a further shift and turn."""
-    turned = Rotation.from_rotvec(step[3:]) * Rotation.from_rotvec(pose[3:])
-    return np.concatenate([pose[:3] + step[:3], turned.as_rotvec()])
+    """Return a pose after a further shift and turn; its rotation vector goes on beyond π."""
+    turned = (Rotation.from_rotvec(step[3:]) * Rotation.from_rotvec(pose[3:])).as_rotvec()
+    axis = turned / max(float(np.linalg.norm(turned)), np.finfo(float).tiny)
+    turns = np.round(float(axis @ (pose[3:] - turned)) / (2 * np.pi))
+    return np.concatenate([pose[:3] + step[:3], turned + 2 * np.pi * turns * axis])
 
 
 def _downhill(stiffness: Floats, off: Floats) -> Floats:

@@ -129,9 +129,11 @@ def _levels(solver: EquilibriumSolver, loads: Any) -> Sequence[Load | Pressure]:
 def _volumes(volumes: Any) -> list[float]:
     """Return the volumes of a path by volume."""
     one_each = "positive numbers in m³, in the order in which they are taken"
-    values = checked_floats("loads", volumes, one_each, lambda shape: len(shape) == 1 and shape[0])
-    require_positive(**{f"volume {k}": value for k, value in enumerate(values.tolist(), 1)})
-    return [float(value) for value in values]
+    found = checked_floats("loads", volumes, one_each, lambda shape: len(shape) == 1)
+    values = [*map(float, found)]
+    for number, value in enumerate(values, 1):
+        require_positive(**{f"volume {number}": value})
+    return values
 
 
 def _under_pressure(solver: EquilibriumSolver, start: Start) -> Equilibrium:

@@ -176,14 +176,12 @@ def find_lids(pattern: Pattern, chambers: Chambers | None, planes: Planes) -> li
 
 def _rim_lids(pattern: Pattern, chambers: Chambers | None, planes: Planes) -> list[Fan]:
     border = planes.rims()
-    edges = half_edges(pattern.triangles)[border]
-    owner = dict.fromkeys(map(int, edges[:, 0]), 0)
-    if chambers is not None:
-        owner = dict(zip(edges[:, 0].tolist(), chambers.of_cell[border // 3].tolist(), strict=True))
-    following = {a: [b] for a, b in edges.tolist()}
-    ends = set(following) ^ {b for _, b in edges.tolist()}
+    begins, ends = half_edges(pattern.triangles)[border].T
+    of_edge = 0 * border if chambers is None else chambers.of_cell[border // 3]
+    owner = dict(zip(map(int, begins), map(int, of_edge), strict=True))
+    following = {int(a): [int(b)] for a, b in zip(begins, ends, strict=True)}
     stops = np.zeros(len(pattern.points), dtype=bool)
-    stops[list(ends)] = True
+    stops[np.setxor1d(begins, ends)] = True
     in_plane = planes.through_origin()
     lids = []
     for path in _paths(following, stops):

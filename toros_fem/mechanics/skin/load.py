@@ -86,7 +86,7 @@ class Load:
             force = checked_floats("force", force, what, points).copy()
         if self.displacement is not None:
             supports = replace(supports, displacement=self.displacement)
-            if planes.moved_out(Planes(pattern, supports)):
+            if planes.close and planes.moved_out(Planes(pattern, supports)):
                 raise ParameterError(
                     "the displacement moves a border out of the plane that closes it; move it in "
                     "the plane only, assemble it elsewhere, or simulate the whole skin."

@@ -407,14 +407,16 @@ class Planes:
 
     def _close_rims(self) -> None:
         """Let borders that are fixed in all components, and in no plane as a whole, be rims."""
-        ends, held = self._pattern.free_edges, self._supports.fixed.all(axis=1)
+        ends = self._pattern.free_edges
+        held: Bools = np.asarray(self._supports.fixed.all(axis=1))
         in_symmetry = np.zeros(len(ends), dtype=bool)
         for k, at in self._supports.planes:
             in_symmetry |= self._held(k, at)[ends].all(axis=1)
         others = np.flatnonzero(~in_symmetry)
-        if not len(others) or (self._axis >= 0).all():
+        if held.all() or not len(others) or (self._axis >= 0).all():
             return
-        border = linked(*ends[others].T, len(held))[ends[others, 0]]
+        begin, end = ends[others].T
+        border = linked(begin, end, len(held))[begin]
         for one in np.unique(border[self._axis[others] < 0]):
             edges = others[border == one]
             if held[ends[edges]].all():
