@@ -11,13 +11,13 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.miss import shape_of
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.print.islands import PanelRegion
 from toros_fem.measures.figures import Figure, Tolerances
 from toros_fem.products.tables.steps import FilterTable
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.summary_file import summary_of
-from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.summary import (
     PrintedResult,
     level_figures,

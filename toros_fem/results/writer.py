@@ -14,6 +14,7 @@ from toros_fem.base.files import guarded, if_plotting, write_table
 from toros_fem.base.keys import Table
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.panels.svg import write_svg
@@ -30,7 +31,6 @@ from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import shown_skin, whole_cells, write_series
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import require_open
-from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.summary import PrintedResult, shape_problem
 
 

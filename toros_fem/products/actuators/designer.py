@@ -15,6 +15,7 @@ from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
@@ -51,7 +52,6 @@ from toros_fem.products.actuators.trim import trimmed
 from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import run_of
-from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.writer import draw_pictures, write_design
 
 if TYPE_CHECKING:  # a scene is designed here, and says so

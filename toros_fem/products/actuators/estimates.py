@@ -16,6 +16,7 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError, PatternErr
 from toros_fem.base.mpi import free_dropped
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.miss import quantities_of, shape_of
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
@@ -31,7 +32,6 @@ from toros_fem.products.actuators.other_mesh import (
     simulated_again,
     simulated_on,
 )
-from toros_fem.results.shape_miss import quantities_of, shape_of
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import DesignScene, Level

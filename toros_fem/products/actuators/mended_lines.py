@@ -16,10 +16,10 @@ from toros_fem.design.lines.changes import (
     smooth_functions,
 )
 from toros_fem.design.lines.laid_lines import LaidLines, LineChange, change_between, changed
+from toros_fem.design.loop.miss import Residuals
 from toros_fem.making.print.regions import regions_on
 from toros_fem.meshes.moving import border_motion
 from toros_fem.products.actuators.line_print import LinePrint
-from toros_fem.products.actuators.misses import Misses
 
 # Number of smooth functions by which the widths of each family change, and of smooth warps.
 FUNCTIONS, FIELDS = 12, 24
@@ -31,7 +31,7 @@ RIDGES = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.5)
 # The largest ridge counts that promises this part of the largest decrease: rates hold for small
 # changes, and what is left near the target is of the size of the mesh's error.
 PART = 0.9
-# A step that promises to take away less of the misses than this fraction is not worth a print.
+# A step that promises to take away less of the residuals than this fraction is not worth a print.
 WORTH = 0.2
 
 
@@ -40,7 +40,7 @@ class Mending:
     """A change of earlier lines, and what it promises.
 
     Attributes:
-        before: Size of the misses of their print, as of `Misses`.
+        before: Size of the residuals of their print.
         promised: The same after the change, by its derivatives.
         whole: Whether the change was not halved.
     """
@@ -58,12 +58,12 @@ class Mending:
         return Mending(self.lines, self.change.scaled(0.5), self.before, between, whole=False)
 
 
-def mending(made: LinePrint, lines: LaidLines, misses: Misses) -> Mending | None:
+def mending(made: LinePrint, lines: LaidLines, residuals: Residuals) -> Mending | None:
     """Return the smooth change of lines that promises most for their print (collective).
 
-    A Gauss–Newton step with a ridge: misses are linear in the widths of the families and in a warp
-    of all lines, by a solve with the print's tangent for each smooth function. None where this
-    does not promise a fair part.
+    A Gauss–Newton step with a ridge: residuals are linear in the widths of the families and in a
+    warp of all lines, by a solve with the print's tangent for each smooth function. None where
+    this does not promise a fair part.
     """
     problem, evaluation, mesh = made.problem, made.printed.evaluation, lines.mesh
     if not mesh.size or evaluation is None:
@@ -81,11 +81,11 @@ def mending(made: LinePrint, lines: LaidLines, misses: Misses) -> Mending | None
         return changes, print_borders(lines, pattern, under, printed, normals)
 
     changes, borders = on_first_rank(comm, basis)
-    before = misses(made.shape[1])
+    before = residuals(made.shape[1])
 
     def rates(found: list[LineChange]) -> Floats:
         moves = [borders.moves(change) for change in found]
-        return problem.shape_derivatives(evaluation, moves, misses)
+        return problem.shape_derivatives(evaluation, moves, residuals)
 
     whole = changes.change(_amounts(changes, rates(list(changes.each())), before, far))
     # What bounds leave of the change.
@@ -103,7 +103,7 @@ def farthest(lines: LaidLines) -> float:
 
 
 def _amounts(changes: SmoothChanges, slope: Floats, before: Floats, far: float) -> Floats:
-    """Return amounts of the changes by which misses with these rates become small."""
+    """Return amounts of the changes by which residuals with these rates become small."""
     left, size, right = np.linalg.svd(slope, full_matrices=False)
     tried: list[Floats] = []
     for ridge in RIDGES:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.rounding import rounded
-from toros_fem.measures.metrics import Metric
+from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.miss import Aim, Residuals
+from toros_fem.measures.cross_sections import Rod
 
 # A print is good enough where every metric is this close to its target, over its scale.
 CLOSE = 5e-3
@@ -24,22 +26,11 @@ RESOLUTION = 1e-5
 LEAST_SLOPE, LARGEST_SLOPE = 0.4, 3.0
 # Largest change of what is asked in one round, over the scale of its metric.
 LARGEST_STEP = 0.4
-
-
-class Aim(NamedTuple):
-    """Target of a metric, and the distance from it that counts as 1."""
-
-    target: float
-    scale: float
-
-
-def aims_of(metrics: Sequence[Metric]) -> dict[str, Aim]:
-    """Return the aims of all metrics that have a target, by key."""
-    return {
-        m.key: Aim(m.target, m.scale or abs(m.target) or 1.0)
-        for m in metrics
-        if m.target is not None
-    }
+# Least curvature, over that of an arc of 1 rad, and stretch that count as 1, and largest change of
+# a strain in one round, over what counts as 1.
+TURN, STRETCH, STRAIN_STEP = 1.0, 0.2, 1.0
+# Weights of a strain and its neighbours: between lines the strains of a print vary.
+SMOOTH = (0.25, 0.5, 0.25)
 
 
 def asked_next(
@@ -61,6 +52,48 @@ def asked_next(
     target = vector({key: aim.target for key, aim in aims.items()})
     found = next_asked([*map(vector, asked)], [*map(vector, got)], target, LARGEST_STEP)
     return dict(zip(aims, map(float, size * rounded(found, RESOLUTION)), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class StrainResponse:
+    """Strains of cross-sections that were asked beyond the target's, and what the print has beyond.
+
+    Attributes:
+        asked, printed: Differences from the strains of the target, (k, 6), as of `Rod.strains`.
+    """
+
+    asked: Floats
+    printed: Floats
+
+
+def strains_beyond(rod: Rod, goal: Rod) -> Floats:
+    """Return the strains of a shape minus those of the target, smoothed along it, (k, 6)."""
+    off = rod.strains - goal.strains
+    ends = np.concatenate([off[:1], off, off[-1:]])
+    return np.asarray(SMOOTH[0] * ends[:-2] + SMOOTH[1] * off + SMOOTH[2] * ends[2:])
+
+
+def strains_to_ask(goal: Rod, answers: Sequence[StrainResponse]) -> Floats:
+    """Return the strains to ask for next, beyond those of the target, (k, 6), by `next_asked`."""
+    length = float(np.linalg.norm(goal.rest[-1] - goal.rest[0]))
+    turn = max(TURN, length * float(np.abs(goal.strains[:, :3]).max())) / length
+    size = np.repeat([turn, STRETCH], 3)
+    asked, printed = (
+        [(s / size).ravel() for s in of]
+        for of in ([a.asked for a in answers], [a.printed for a in answers])
+    )
+    strains = next_asked(asked, printed, np.zeros_like(asked[0]), STRAIN_STEP)
+    return size * rounded(strains, RESOLUTION).reshape(-1, 6)
+
+
+def with_strains(residuals: Residuals, strains: Floats) -> Case:
+    """Return the case of residuals with a target that has strains (k, 6) beyond its own."""
+    assert residuals.labels is not None
+    goal, whole = residuals.case.goal, residuals.case.whole
+    rod = residuals.rod(goal)
+    other = rod.strained(rod.strains + strains)
+    moved = rod.carried(residuals.labels, whole.at_vertices(goal), other)
+    return replace(residuals.case, target=moved[: len(goal)])  # those of the part come first
 
 
 def next_asked(

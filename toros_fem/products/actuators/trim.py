@@ -10,13 +10,12 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.validation import require_between, require_kind
+from toros_fem.design.loop.miss import worst_figure
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.measures.figures import DEFAULT, Tolerances, largest_part
-from toros_fem.measures.miss import shape_figures
+from toros_fem.measures.figures import DEFAULT, Tolerances
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.results.shape_miss import shape_measure
 
 # Largest change of the pressure, as a fraction of it.
 SHARE = 0.15
@@ -69,13 +68,13 @@ def trimmed(
     for own, given, bounds in zip(at, problem.physics.pressures, ranges, strict=True):
         if own > 0:
             highest = min(highest, float(np.log((bounds[1] if bounds else given) / own)))
-    least, total = _worst(problem, _shape(made), tolerances), 0.0
+    least, total = worst_figure(problem, _shape(made), tolerances), 0.0
     for _ in range(ROUNDS):
         if least <= ENOUGH or not highest > lowest:
             break
         shape, motion = _shape(made), _motion(problem, made.equilibrium)
         steps = np.linspace(lowest, highest, SAMPLES) - total
-        promised = [_worst(problem, shape + step * motion, tolerances) for step in steps]
+        promised = [worst_figure(problem, shape + step * motion, tolerances) for step in steps]
         best = int(np.argmin(promised))
         if promised[best] > PROMISING * least:
             break
@@ -86,7 +85,7 @@ def trimmed(
             )
         except NoEquilibriumError:  # raised by all ranks or by none
             break
-        worst = _worst(problem, _shape(other), tolerances)
+        worst = worst_figure(problem, _shape(other), tolerances)
         if worst >= least:
             break
         made, least, total = other, worst, total + float(steps[best])
@@ -101,7 +100,7 @@ def worst_of_print(printed: PrintedDesign, tolerances: Tolerances = DEFAULT) -> 
     made = printed.evaluation
     if made is None or not isinstance(made.problem, ShapeProblem):
         return np.inf
-    return _worst(made.problem, _shape(made), tolerances)
+    return worst_figure(made.problem, _shape(made), tolerances)
 
 
 def _shape(made: Evaluation[Equilibrium]) -> Floats:
@@ -118,15 +117,3 @@ def _motion(problem: ShapeProblem, at: Equilibrium) -> Floats:
     for chamber, pressure in enumerate(at.pressures):
         push += pressure * solver.model.volume_gradient(at.state, chamber)
     return problem.skin.gather_vertices(solver.model.positions(solver.solve_tangent(push, at)))
-
-
-def _worst(problem: ShapeProblem, shape: Floats, tolerances: Tolerances) -> float:
-    """Return the largest distance of a figure of a shape from its target, over its tolerance."""
-    pattern, measure = problem.skin.pattern, shape_measure(problem)
-    figures = [
-        metric.figure(metric.value(pattern, shape), None, tolerances.figure)
-        for metric in problem.metrics
-    ]
-    if measure is not None:
-        figures += shape_figures(measure(pattern, shape), {}, tolerances)
-    return largest_part(figures)

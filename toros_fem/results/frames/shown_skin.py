@@ -12,8 +12,7 @@ from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import OutputError
 from toros_fem.making.print.print_file import REGIONS, packed_regions, regions_of
-from toros_fem.measures.miss import Miss, miss_of
-from toros_fem.measures.rotation import polar_rotation
+from toros_fem.measures.miss import Miss, miss_of, placed_on
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.pattern_file import archive_of, pattern_of
 from toros_fem.results.frames.files import REMEDY
@@ -58,11 +57,7 @@ class ShownSkin:
         """Return positions of all vertices, (n, 3), in m, as they are compared with the target."""
         if not self.aligned or self.target is None:
             return positions
-        weights = self.pattern.vertex_areas / self.pattern.vertex_areas.sum()
-        centre, goal = weights @ positions, weights @ self.target
-        moment = ((self.target - goal) * weights[:, None]).T @ (positions - centre)
-        rotation, _ = polar_rotation(moment)
-        return np.asarray((positions - centre) @ rotation.T + goal)
+        return placed_on(self.pattern, positions, self.target)
 
     def miss(self, placed: Floats) -> Miss | None:
         """Return how far placed positions, (n, 3), are from the target; None if nothing says so."""
