@@ -16,10 +16,9 @@ from mpi4py import MPI
 
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
 from toros_fem.design.loop.miss import shape_of
-from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.regions import read_print_polygons
 from toros_fem.measures.figures import formatted, split_key
-from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import SimulatedPrint, simulated_on
+from toros_fem.products.actuators.estimates import Job, SimulatedPrint, simulated_on
 from toros_fem.products.kinds import KINDS
 
 FOLDER = Path(__file__).parent / "prints"

@@ -25,14 +25,14 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base.files import guarded, if_possible, write_table
-from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.making.sheets.write import write_manufacture
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.products.tiles.plots import plot_sheet
 from toros_fem.products.tiles.printed_tile import PrintedTile, print_layout
 from toros_fem.products.tiles.stiffness_profile import profiles, tile_solver
-from toros_fem.results.runs.folder import begin_folder
+from toros_fem.results.open_run import begin_folder
 
 parser = argparse.ArgumentParser(description="Pull a sheet of tiles beside its prediction.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and fewer tiles")

@@ -30,9 +30,8 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, total
-from toros_fem.design.density.filters import cone_filter, make_filter
+from toros_fem.design.density.filters import Filter, cone_filter, group_mean, make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.design.density.linear import Filter, group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.fields import DensityFields
@@ -40,9 +39,8 @@ from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.options import Stage as DesignStage
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
-from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.design.loop.steps import Steps
-from toros_fem.design.loop.variables import Variables
+from toros_fem.design.loop.shape_design import ShapeProblem
+from toros_fem.design.loop.steps import Steps, Variables
 from toros_fem.design.mma.optimizer import Functions
 from toros_fem.design.relaxed.families import Families, FixedDirections, FreeDirections
 from toros_fem.design.relaxed.problem import relaxed_problem, smoothing

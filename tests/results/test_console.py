@@ -10,7 +10,7 @@ from mpi4py import MPI
 from toros_fem.base.units import duration
 from toros_fem.design.loop.options import Iteration
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
-from toros_fem.results.console import ProgressBar, header, line, print_step
+from toros_fem.results.reporter import ProgressBar, header, line, print_step
 
 
 def row(metrics: dict[str, float]) -> Iteration:
@@ -70,7 +70,7 @@ def test_lines_without_a_terminal(
     """Now and then, with the time left; steps before a run was resumed took no time."""
     stream, clock = io.StringIO(), iter((0.0, 20.0, 40.0, 50.0, 5000.0, 5010.0))
     monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setattr("toros_fem.results.console.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("toros_fem.results.reporter.time.monotonic", lambda: next(clock))
     bar = ProgressBar()
     bar.expect(40)
     for done in (10, 11, 12, 13, 20, 40):

@@ -10,8 +10,8 @@ from helpers.scenes import square
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import if_plotting
 from toros_fem.base.versions import versions
-from toros_fem.results.files import write_fields
 from toros_fem.results.pictures.style import page
+from toros_fem.results.writer import write_fields
 
 
 def test_fields(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from mpi4py import MPI
 from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.base.files import guarded
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.design.loop.shape_design import ShapeProblem
+from toros_fem.making.as_printed import PrintedDesign
 from toros_fem.materials.sheet import Composite, Membrane
 from toros_fem.measures.metrics import Metric, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -23,9 +23,8 @@ from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field, wrinkles
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import cylinder, mirrored, sew
-from toros_fem.results.frames.files import read_frames
-from toros_fem.results.pressure_path import PathResult, write_pressure_path
-from toros_fem.results.writer import write_results
+from toros_fem.results.frames import read_frames
+from toros_fem.results.writer import PathResult, write_pressure_path, write_results
 
 
 def test_a_tension_field_has_its_wrinkles_written(

@@ -3,7 +3,7 @@
 import pytest
 from helpers.scenes import table
 
-from toros_fem.design.density.bar_width import filtered_bar, threshold_for_width
+from toros_fem.design.density.length_scale import filtered_bar, threshold_for_width
 
 
 @pytest.mark.parametrize("name", ["cone", "helmholtz"])

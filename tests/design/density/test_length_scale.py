@@ -6,10 +6,13 @@ from helpers.scenes import square, table
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.design.density.bar_width import unfiltered_width, width_for_threshold
-from toros_fem.design.density.filters import cone_filter, make_filter
-from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.design.density.linear import Filter, Linear
+from toros_fem.design.density.filters import Filter, Linear, cone_filter, make_filter
+from toros_fem.design.density.length_scale import (
+    LengthScale,
+    LengthScaleConstraints,
+    unfiltered_width,
+    width_for_threshold,
+)
 from toros_fem.design.density.projection import Projection
 from toros_fem.meshes import Skin, cylinder, sew
 from toros_fem.meshes.triangles import equilateral_edge

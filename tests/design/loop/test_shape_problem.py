@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.shape_problem import ShapeProblem, carried_along
+from toros_fem.design.loop.shape_design import ShapeProblem, carried_along
 from toros_fem.measures.metrics import bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.supports import clamp

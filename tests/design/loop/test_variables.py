@@ -5,10 +5,9 @@ import pytest
 from helpers.designs import bounded, full, make_problem, passive_in
 
 from toros_fem.base.mpi import dot
-from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import random_density
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.steps import Steps
-from toros_fem.design.loop.variables import Variables
+from toros_fem.design.loop.steps import Steps, Variables
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.mma_problems import Case, random_case
 
-from toros_fem.design.mma import approximation
+from toros_fem.design.mma import subproblem
 
 
 def values(case: Case, x: np.ndarray) -> np.ndarray:
@@ -53,9 +53,9 @@ def test_dual_is_the_minimum_over_x() -> None:
 def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     case = random_case(8, 1000, 2)
     whole, _ = case.solve()
-    monkeypatch.setattr(approximation, "BLOCK", 64)
+    monkeypatch.setattr(subproblem, "BLOCK", 64)
     assert case.solve()[0] == pytest.approx(whole, abs=1e-9)
-    assert [part.stop for part in approximation.cache_blocks(150)] == [64, 128, 150]
+    assert [part.stop for part in subproblem.cache_blocks(150)] == [64, 128, 150]
 
 
 def test_a_variable_without_range_stays() -> None:

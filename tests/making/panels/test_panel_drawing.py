@@ -11,8 +11,8 @@ from mpi4py import MPI
 from shapely.geometry import LineString
 
 from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.marks import sewn_seams
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings, printed_face
-from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.meshes import cylinder
 
 OPTIONS = ManufactureOptions()

@@ -5,7 +5,7 @@ import pytest
 import shapely
 from helpers.panels import KINDS, pattern_of
 
-from toros_fem.making.panels.seam_lines import sewn_seams
+from toros_fem.making.panels.marks import sewn_seams
 
 
 def points(array: np.ndarray) -> list[tuple[float, ...]]:

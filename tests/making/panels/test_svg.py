@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 from shapely.geometry import Point, Polygon, box
 
-from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.meshes import cylinder
 
 SPACE = "{http://www.w3.org/2000/svg}"

@@ -8,8 +8,7 @@ from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.print.cleaning import Panels, clean
-from toros_fem.making.print.islands import find_holes, find_pieces
-from toros_fem.making.print.printability import printability
+from toros_fem.making.print.printability import find_holes, find_pieces, printability
 from toros_fem.meshes import Pattern, cylinder
 
 

@@ -17,25 +17,28 @@ from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import changed
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.miss import Aim, residuals_of
-from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.meshes.makers.sheets import rectangle
-from toros_fem.products.actuators import discovery, space_mapping
+from toros_fem.products.actuators import corrections, discovery
+from toros_fem.products.actuators.corrections import (
+    StrainResponse,
+    strains_beyond,
+    strains_to_ask,
+    with_strains,
+)
 from toros_fem.products.actuators.discovery import (
     Discovery,
     densities_from,
     discover,
 )
-from toros_fem.products.actuators.estimates import MeshValues, values_on
-from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
-from toros_fem.products.actuators.mended_lines import WIDER, farthest, mending
-from toros_fem.products.actuators.space_mapping import (
-    StrainResponse,
-    strains_beyond,
-    strains_to_ask,
-    with_strains,
+from toros_fem.products.actuators.estimates import Job, MeshValues, values_on
+from toros_fem.products.actuators.printed_lines import (
+    WIDER,
+    LinePrint,
+    farthest,
+    mending,
+    print_of_lines,
 )
 from toros_fem.products.tubes import bend, twist
 from toros_fem.products.tubes.bend_twist import BendTwistScene
@@ -78,7 +81,7 @@ def test_a_round_asks_for_what_the_print_missed(found: Discovery) -> None:
     first, second = found.rounds
     assert first.asked == {"twist_deg": 60.0}
     missed = 60.0 - first.metrics["twist_deg"]
-    step = np.clip(missed / 60, -space_mapping.LARGEST_STEP, space_mapping.LARGEST_STEP)
+    step = np.clip(missed / 60, -corrections.LARGEST_STEP, corrections.LARGEST_STEP)
     assert second.asked["twist_deg"] == pytest.approx(60 * (1 + step))
     assert first.of_metrics == pytest.approx(abs(missed) / 60)
     assert found.best.missed == min(first.missed, second.missed)
@@ -285,14 +288,12 @@ def test_what_is_asked_next_solves_a_linear_response() -> None:
         scaled = np.array(list(asked.values())) / size
         metrics = dict(zip(targets, size * (response @ scaled + [0.0, 0.1]), strict=True))
         rounds.append(SimpleNamespace(asked=asked, metrics=metrics))
-        asked = space_mapping.asked_next(
-            [r.metrics for r in rounds], [r.asked for r in rounds], aims
-        )
+        asked = corrections.asked_next([r.metrics for r in rounds], [r.asked for r in rounds], aims)
     last = rounds[-1].metrics
     assert last == pytest.approx(targets, rel=1e-4)
     for before, after in pairwise(rounds):
         change = np.array([after.asked[k] - before.asked[k] for k in targets]) / size
-        assert np.abs(change).max() <= space_mapping.LARGEST_STEP + 1e-12
+        assert np.abs(change).max() <= corrections.LARGEST_STEP + 1e-12
 
 
 def case_of(kind: type[Any] = BendTwistScene, **asked: Any) -> Case:

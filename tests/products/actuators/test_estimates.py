@@ -20,10 +20,10 @@ from toros_fem.products.actuators import estimates
 from toros_fem.products.actuators.estimates import (
     MeshValues,
     MetricErrors,
+    SimulatedPrint,
     metric_errors,
     trial_intervals,
 )
-from toros_fem.products.actuators.other_mesh import SimulatedPrint
 from toros_fem.products.tubes.bend import BendScene
 
 

@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.products.actuators import other_mesh
-from toros_fem.products.actuators.other_mesh import (
+from toros_fem.products.actuators import estimates
+from toros_fem.products.actuators.estimates import (
     COARSER_MESHES,
     SimulatedPrint,
     coarser_levels,
@@ -39,7 +39,7 @@ def levels_tried(
         problem = SimpleNamespace(skin=skin)
         return SimpleNamespace(problem=problem, equilibrium=SimpleNamespace(positions="shape"))
 
-    monkeypatch.setattr(other_mesh, "simulated_on", simulated)
+    monkeypatch.setattr(estimates, "simulated_on", simulated)
     job: Any = SimpleNamespace(scene=SimpleNamespace(coarser=coarser), comm=MPI.COMM_SELF)
     level: Any = 0
     near: Any = ("given", "far")

@@ -12,7 +12,7 @@ import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.design.loop.miss import worst_figure
 from toros_fem.measures.figures import Tolerances
-from toros_fem.products.actuators.trim import worst_of_print
+from toros_fem.products.actuators.pressure import worst_of_print
 from toros_fem.products.tubes.bend import BendScene
 
 SCENE = BendScene.of(

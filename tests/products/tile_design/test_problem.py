@@ -20,8 +20,7 @@ from kit.pairs import tile_problem as tile_problem_of
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.design.density.filters import cone_filter
-from toros_fem.design.density.linear import group_mean
+from toros_fem.design.density.filters import cone_filter, group_mean
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.loop import optimize

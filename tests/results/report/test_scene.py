@@ -14,16 +14,15 @@ from helpers.runs import STRIPE, bent, regions_of, tube
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.meshes import Pattern, twist
 from toros_fem.meshes.surfaces.flatten import triangle_stretches
-from toros_fem.results.frames.files import Frame, write_frame
-from toros_fem.results.frames.record import repeated
-from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
-from toros_fem.results.report import scene as scene_module
-from toros_fem.results.report.scene import (
+from toros_fem.results.frames import Frame, ShownSkin, write_frame, write_skin
+from toros_fem.results.record import repeated
+from toros_fem.results.report import page_file
+from toros_fem.results.report.page_file import (
     FlatPatterns,
     eye,
     packed_scene,
 )
-from toros_fem.results.runs.run_folder import read_run
+from toros_fem.results.stored_run import read_run
 
 
 class Reader:
@@ -182,7 +181,7 @@ def test_an_outline_is_as_long_as_the_last_shape_where_no_length_is_asked(
 
 
 def test_too_many_shapes_are_thinned(run: Path, pattern: Pattern, monkeypatch: Any) -> None:
-    monkeypatch.setattr(scene_module, "MOST_BYTES", 2 * 5 * 6 * len(pattern.points))
+    monkeypatch.setattr(page_file, "MOST_BYTES", 2 * 5 * 6 * len(pattern.points))
     scene, _, _ = packed_scene(read_run(run))
     numbers = [entry["number"] for entry in scene["series"]["iteration"]]
     assert numbers == [0, 4, 8, 11]

@@ -23,11 +23,10 @@ from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.measures.figures import State
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.plausibility import doubts, warn_of_doubts
+from toros_fem.results.open_run import FREE, open_run, read_record
 from toros_fem.results.report.page_file import write_report
 from toros_fem.results.report.tables import as_text
-from toros_fem.results.runs.files import SCENE, files_of_run
-from toros_fem.results.runs.folder import FREE, open_run, read_record
-from toros_fem.results.runs.summary_file import read_content, summary_of
+from toros_fem.results.stored_run import SCENE, files_of_run, read_content, summary_of
 
 log = logging.getLogger(__name__)
 

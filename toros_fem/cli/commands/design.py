@@ -59,7 +59,7 @@ class Design(RunCommand, kw_only=True):
         from toros_fem.cli.commands.check import cost_lines
         from toros_fem.products.actuators.cost import expected_time
         from toros_fem.products.actuators.scene import ActuatorScene
-        from toros_fem.results.console import print_line
+        from toros_fem.results.reporter import print_line
 
         if self.coarse:
             raise UsageError("--coarse is a preview, and --final is not: leave one of them out.")

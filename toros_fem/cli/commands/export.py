@@ -47,15 +47,14 @@ class Export(Command, ManufactureOptions, kw_only=True):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Write the files (collective)."""
-        from toros_fem.making.panels.svg import write_svg
-        from toros_fem.making.print.print_file import NAME as PRINT
-        from toros_fem.making.print.print_file import read_print_polygons, write_print_polygons
+        from toros_fem.making.panels.panel_drawing import write_svg
         from toros_fem.making.print.printability import printability, printed_cells
+        from toros_fem.making.print.regions import PRINT, read_print_polygons, write_print_polygons
         from toros_fem.making.sheets.manifest import NAME as MANIFEST
-        from toros_fem.making.sheets.page import NAME as PAGE
+        from toros_fem.making.sheets.manifest import PAGE
         from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture
         from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
-        from toros_fem.results.runs.summary_file import read_content
+        from toros_fem.results.stored_run import read_content
 
         stored = read_print_polygons(comm, self.run)
         run = self.run.parent if self.run.suffix == ".npz" else self.run

@@ -46,10 +46,10 @@ class Unwrap(Command, Unwrapping, kw_only=True):
         """Unwrap the surface; write pattern, drawing, picture and fields (collective)."""
         import shapely
 
-        from toros_fem.making.panels.svg import write_svg
+        from toros_fem.making.panels.panel_drawing import write_svg
         from toros_fem.meshes.pattern_file import NAME, write_pattern
-        from toros_fem.results.files import write_fields
-        from toros_fem.results.runs.folder import require_open
+        from toros_fem.results.open_run import require_open
+        from toros_fem.results.writer import write_fields
 
         output = self.output or Path(self.mesh.stem)
         on_first_rank(comm, lambda: require_unused(output, FILES, overwrite=self.overwrite))

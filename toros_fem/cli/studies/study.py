@@ -21,9 +21,8 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.running import inputs_of, run_scene
 from toros_fem.cli.scene_files.layout import QUICK, keys_of
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
-from toros_fem.results.runs.files import RECORD, STATE
-from toros_fem.results.runs.folder import EVERY, read_record
-from toros_fem.results.runs.summary_file import Summary, summary_of
+from toros_fem.results.open_run import EVERY, read_record
+from toros_fem.results.stored_run import RECORD, STATE, Summary, summary_of
 
 log = logging.getLogger(__name__)
 TABLE, PICTURE = "study.csv", "study.png"

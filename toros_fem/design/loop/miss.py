@@ -12,8 +12,7 @@ import numpy as np
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.measures.cross_sections import COUNTS, CrossSections, Rod, rod_of
 from toros_fem.measures.figures import DEFAULT, TOLERANCE, Tolerances, largest_part
 from toros_fem.measures.metrics import Metric, MetricFunction

@@ -14,11 +14,11 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, together, total
 from toros_fem.base.validation import require_count
-from toros_fem.design.density.linear import Linear, Map
+from toros_fem.design.density.filters import Linear, Map
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.problem import ObjectiveTerm
-from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.design.relaxed.families import Families
 from toros_fem.mechanics.skin.designs import CROSSING, LineDesign
 from toros_fem.meshes.pattern import Pattern

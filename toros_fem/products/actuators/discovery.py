@@ -18,22 +18,17 @@ from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.laid_lines import LaidLines, changed
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.case import Case
-from toros_fem.design.loop.corrections import correct
+from toros_fem.design.loop.fields import CarriedDesign
+from toros_fem.design.loop.levels import correct
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.miss import residuals_of, shape_of
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
-from toros_fem.making.as_printed.as_printed import Shape
+from toros_fem.making.as_printed import Shape
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.actuators.estimates import values_on
-from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
-from toros_fem.products.actuators.mended_lines import Mending, mending
-from toros_fem.products.actuators.other_mesh import SimulatedPrint
-from toros_fem.products.actuators.space_mapping import (
+from toros_fem.products.actuators.corrections import (
     CLOSE,
     FINE,
     HELPS,
@@ -43,7 +38,9 @@ from toros_fem.products.actuators.space_mapping import (
     strains_to_ask,
     with_strains,
 )
-from toros_fem.results.console import print_line
+from toros_fem.products.actuators.estimates import Job, SimulatedPrint, values_on
+from toros_fem.products.actuators.printed_lines import LinePrint, Mending, mending, print_of_lines
+from toros_fem.results.reporter import print_line
 
 log = logging.getLogger(__name__)
 

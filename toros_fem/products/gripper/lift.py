@@ -14,9 +14,8 @@ from toros_fem.measures.gap import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.results.frames.files import Frame
-from toros_fem.results.frames.record import repeated, write_series
-from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.frames import Frame, ShownSkin
+from toros_fem.results.record import repeated, write_series
 
 # Directions of a finger's frame: from the mount to the tip, and towards the object.
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)

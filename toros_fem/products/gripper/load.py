@@ -18,8 +18,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.settings import Contact
@@ -37,7 +36,7 @@ from toros_fem.meshes.triangles import normals
 from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.gripper.lift import ALONG, LiftShape, from_room, in_room, write_lift
-from toros_fem.results.frames.record import repeated
+from toros_fem.results.record import repeated
 
 if TYPE_CHECKING:  # a scene is lifted here, and says so
     from toros_fem.products.gripper.gripper import GripperScene

@@ -24,7 +24,7 @@ from toros_fem.design.density.perimeter import SHARPNESS
 from toros_fem.design.density.projection import Power, Projection, Steepness, Threshold
 from toros_fem.design.lines.field import Spread
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.regularisation import POWER, Regularisation
+from toros_fem.design.loop.shape_design import POWER, Regularisation
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.families import Directions, Share
 from toros_fem.making.print.printability import PrintLimits

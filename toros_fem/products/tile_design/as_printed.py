@@ -15,7 +15,7 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError, PatternError
 from toros_fem.base.mpi import together
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.making.as_printed.as_printed import cleaned_print
+from toros_fem.making.as_printed import cleaned_print
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -23,8 +23,7 @@ from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.skin import sew
-from toros_fem.products.actuators.estimates import COARSER
-from toros_fem.products.actuators.other_mesh import COARSER_MESHES
+from toros_fem.products.actuators.estimates import COARSER, COARSER_MESHES
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, TileProblem
 from toros_fem.products.tiles.printability import RepeatedTile, TilePrintability, tile_printability
 from toros_fem.products.tiles.stiffness_profile import (

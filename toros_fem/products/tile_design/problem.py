@@ -12,9 +12,8 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.keys import Count, Flag, In, Number, Positive, Table, key
 from toros_fem.base.scene import Scene
-from toros_fem.design.density.filters import make_filter
+from toros_fem.design.density.filters import group_mean, make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.design.density.linear import group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm

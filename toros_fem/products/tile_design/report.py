@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
-from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
@@ -19,8 +19,8 @@ from toros_fem.products.tile_design.problem import TileCase
 from toros_fem.products.tiles.printability import SIDE, repeated
 from toros_fem.products.tiles.printed_tile import PrintedTile, swatch, write_tile
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
-from toros_fem.results.files import write_fields
 from toros_fem.results.result import RunResult, write_summary
+from toros_fem.results.writer import write_fields
 
 # What files and summaries hold of a profile.
 PROFILE = ("stiffness", "tangent", "contraction")

@@ -12,14 +12,13 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.design.loop.carried import CarriedDesign
-from toros_fem.design.loop.corrections import correct
+from toros_fem.design.loop.fields import CarriedDesign
 from toros_fem.design.loop.journal import Journal
-from toros_fem.design.loop.levels import gathered
+from toros_fem.design.loop.levels import correct, gathered
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.mma.optimizer import MMAOptions
-from toros_fem.making.as_printed.as_printed import contour_values
+from toros_fem.making.as_printed import contour_values
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.meshes.makers.tile import SYMMETRIES, Tile

@@ -22,7 +22,7 @@ from toros_fem.base.validation import (
     require_positive,
     shown,
 )
-from toros_fem.making.print.print_file import packed_regions, regions_of
+from toros_fem.making.print.regions import packed_regions, regions_of
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.pattern import Pattern

@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.design.lines.field import LineField
-from toros_fem.making.panels.seam_lines import sewn_seams
+from toros_fem.making.panels.marks import sewn_seams
 from toros_fem.making.print.printability import Printability, PrintLimits
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
 from toros_fem.meshes.affine import Affine

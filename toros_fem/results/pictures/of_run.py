@@ -14,20 +14,19 @@ from matplotlib.figure import Figure as MplFigure
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.print.print_file import NAME as PRINT_FILE
-from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printability
+from toros_fem.making.print.regions import PRINT as PRINT_FILE
+from toros_fem.making.print.regions import read_print_polygons
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.measures.miss import is_of_shape
-from toros_fem.results.frames.files import FOLDER, Frame, read_frames
-from toros_fem.results.frames.shown_skin import read_skin
+from toros_fem.results.frames import FOLDER, Frame, read_frames, read_skin
 from toros_fem.results.pictures.curves import draw_curve, draw_history
 from toros_fem.results.pictures.flat import draw_density, draw_panels, draw_pattern
 from toros_fem.results.pictures.inflation import draw_hero, draw_inflation
 from toros_fem.results.pictures.shapes import draw_miss, draw_shape
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.style import SIZE, SOFT, STRIP, TALL, Box, page
-from toros_fem.results.runs.run_folder import Run, read_run
+from toros_fem.results.stored_run import Run, read_run
 
 # Figures that every run has, told where it has no others.
 OF_THE_STATE = ("pressure", "volume", "stretch")

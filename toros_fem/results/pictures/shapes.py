@@ -18,7 +18,7 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import State, overall, worst_of
 from toros_fem.measures.miss import DIRECTION, DISTANCE, Miss, Tip, is_of_shape, shape_figures
-from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.frames import ShownSkin
 from toros_fem.results.pictures import style
 from toros_fem.results.pictures.raster import MARGIN, DrawnSurface
 from toros_fem.results.pictures.shown import DrawnSkin

@@ -11,7 +11,7 @@ import numpy as np
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.meshes.triangles import equilateral_edge
-from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.frames import ShownSkin
 from toros_fem.results.pictures.raster import DrawnSurface, Image, Ink, ink_of
 from toros_fem.results.pictures.style import BODY, FABRIC, PRINT
 from toros_fem.results.pictures.view import View, oblique_view, side_view

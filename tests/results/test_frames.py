@@ -7,8 +7,16 @@ from typing import Any
 import numpy as np
 from helpers.runs import bent, regions_of, tube
 
-from toros_fem.results.frames.files import MOST, Frame, forget_from, numbers, thin, write_frame
-from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
+from toros_fem.results.frames import (
+    MOST,
+    Frame,
+    ShownSkin,
+    forget_from,
+    numbers,
+    thin,
+    write_frame,
+    write_skin,
+)
 
 
 def frame(number: int) -> Frame:

@@ -13,14 +13,21 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.measures.miss import compared_axes, is_aligned
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.results.frames.files import FOLDER, Frame, forget_from, thin, write_frame
-from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
+from toros_fem.results.frames import (
+    FOLDER,
+    Frame,
+    ShownSkin,
+    forget_from,
+    thin,
+    write_frame,
+    write_skin,
+)
 
 # Series that a finished design is followed by.
 FOLLOWING = ("print", "pressure", "gait", "load")

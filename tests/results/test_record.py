@@ -17,9 +17,8 @@ from toros_fem.measures.miss import compared_axes, is_aligned
 from toros_fem.measures.shape import Nodes, ShapeObjective, SumObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin, bend, cylinder, mirrored, sew
-from toros_fem.results.frames.files import read_frames
-from toros_fem.results.frames.record import repeated
-from toros_fem.results.frames.shown_skin import read_skin
+from toros_fem.results.frames import read_frames, read_skin
+from toros_fem.results.record import repeated
 from toros_fem.results.reporter import DesignReporter
 
 

@@ -26,7 +26,7 @@ from typing import Any, NoReturn, Self, TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.archive import FORMAT
+from toros_fem.base.archive import FORMAT, Archive, read_archive, write_archive
 from toros_fem.base.errors import CheckpointError, FileError, OutputError, RunStoppedError
 from toros_fem.base.files import (
     UNFINISHED,
@@ -34,22 +34,28 @@ from toros_fem.base.files import (
     read_bytes,
     read_json,
     reading,
+    reason,
     remove_unfinished,
     replace_file,
     write_json,
 )
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.program import program
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
-from toros_fem.results.runs.files import RECORD, SCENE, STATE, files_of_run, require_no_link
-from toros_fem.results.runs.journal import RunJournal
-from toros_fem.results.runs.warnings import WarningList
+from toros_fem.design.loop.journal import KIND, Journal, JournalEntry
+from toros_fem.results.stored_run import (
+    RECORD,
+    SCENE,
+    STATE,
+    WarningList,
+    files_of_run,
+    require_no_link,
+)
 
 log = logging.getLogger(__name__)
 PACKAGE = "toros_fem"
-
 T = TypeVar("T")
-
 # Key of the inputs that may change in a run that goes on.
 FREE = "free"
 # Number of iterations between two writes of the state.
@@ -58,11 +64,18 @@ ANEW = "Start the run anew in another folder."
 UNUSABLE = (
     "{} cannot be used as the folder of a run: {}. Choose another folder, or free some space."
 )
-
-_open: dict[Path, OpenRun] = {}
 _HALF = re.compile(rf"\..*{re.escape(UNFINISHED)}")
 # Folders in which scripts began results without an open run.
 _begun: set[Path] = set()
+NAME = ".lock"
+# What the lock of a run begins with, where it is not empty.
+HOLDER = b"process "
+# Open MPI's mpirun passes the second user signal on, but ends the ranks itself at the others.
+STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)
+# Key of what a checkpoint belongs to, and what to do where it cannot serve.
+OWNER = "belongs_to"
+REMEDY = "Remove it to lose this part of the run alone, or start the run anew."
+_open: dict[Path, OpenRun] = {}
 
 
 @dataclass(frozen=True)
@@ -395,11 +408,6 @@ def _read_record(folder: Path) -> RunRecord:
     return RunRecord(**content)
 
 
-NAME = ".lock"
-# What the lock of a run begins with, where it is not empty.
-HOLDER = b"process "
-
-
 class FolderLock:
     """Lock of a folder that exists for this process (one rank).
 
@@ -444,10 +452,6 @@ class FolderLock:
         if self._file is not None:
             os.close(self._file)
             self._file = None
-
-
-# Open MPI's mpirun passes the second user signal on, but ends the ranks itself at the others.
-STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)
 
 
 class Signals:
@@ -501,3 +505,107 @@ class Signals:
         self._write = False
         comm.Allreduce(own, found, op=MPI.MAX)
         return int(found[0]), bool(found[1])
+
+
+class RunJournal(Journal):
+    """Journal of a run; the names of all of its files begin alike."""
+
+    def __init__(self, run: OpenRun, name: str = "") -> None:
+        self._run, self._name, self._count = run, name, 0
+        self._branches: dict[str, RunJournal] = {}
+
+    def branch(self, name: str) -> RunJournal:
+        """Return a journal inside this one, with a sequence of its own."""
+        return self._branches.setdefault(name, RunJournal(self._run, f"{self._name}{name}."))
+
+    def entry(self, comm: MPI.Comm, signature: str) -> RunEntry:
+        """Return the next entry (collective)."""
+        path = self._run.folder / STATE / f"{self._name}{self._count:03d}.npz"
+        self._count += 1
+        return RunEntry(comm, self._run, path, signature)
+
+
+class RunEntry(JournalEntry):
+    """The checkpoint of one design loop or simulation, on its part of the run's ranks."""
+
+    def __init__(self, comm: MPI.Comm, run: OpenRun, path: Path, signature: str) -> None:
+        self._comm, self._run, self._path = comm, run, path
+        self._belongs_to = {"inputs": run.record.identity, "problem": signature}
+        self._since = run.every  # the first one is written
+
+    def saved(self) -> Archive | None:
+        """Return the checkpoint of an earlier, interrupted run; None without (collective).
+
+        That of another loop is none, if the run's inputs were changed. From now on a stop waits
+        for the next `offer`.
+
+        Raises:
+            CheckpointError: It is damaged, of a newer version, or belongs to something else.
+        """
+
+        def read() -> Archive | None:
+            if not self._path.exists():
+                return None
+            found = read_archive(self._path, KIND, self._own, CheckpointError, REMEDY)
+            if found is None:
+                log.warning("%s is of another loop, and is made anew", self._path)
+                return None
+            if found.written_by != __version__:
+                log.warning(
+                    "%s was written by toros_fem %s; this is %s, and digits may differ",
+                    self._path, found.written_by, __version__,
+                )  # fmt: skip
+            return found
+
+        self._run.signals.waits = True
+        return on_first_rank(self._comm, read)
+
+    def offer(self, make: Callable[[], Archive], *, last: bool) -> None:
+        """Write a checkpoint if it is due, or if a signal asks for it (collective).
+
+        Raises:
+            RunStoppedError: A signal asked for an end; the checkpoint is written.
+            OutputError: It cannot be written; the one before stays.
+        """
+        self._since += 1
+        number, write = self._run.signals.asked(self._comm)
+        if last or write or number or self._since >= self._run.every:
+            self._write(make())
+            self._since = 0
+        if write:
+            log.info("the state is written to %s", self._path.parent)
+        if number:
+            self._run.stop(number)
+        self._run.signals.waits = not last
+
+    def close(self) -> None:
+        """Say that no checkpoint will come soon, so that a stop need not wait for it."""
+        self._run.signals.waits = False
+
+    def _own(self, archive: Archive) -> Archive | None:
+        """Return the content of a file; None for another loop, if the inputs were changed."""
+        owner = archive.numbers.get(OWNER, {})
+        differing = [key for key, value in self._belongs_to.items() if owner.get(key) != value]
+        if differing == ["problem"] and self._run.record.changed:
+            return None
+        if differing:
+            raise CheckpointError(
+                f"it belongs to another run, with other {' and '.join(differing)}; resume with "
+                "the inputs that the run began with"
+            )
+        return archive
+
+    def _write(self, checkpoint: Archive) -> None:
+        numbers = {**checkpoint.numbers, OWNER: self._belongs_to}
+
+        def write() -> None:
+            try:
+                whole = replace(checkpoint, numbers=numbers)
+                write_archive(self._path, whole, compress=False)
+            except OSError as caught:
+                raise OutputError(
+                    f"{self._path} could not be written: {reason(caught)}. The state of an earlier "
+                    "iteration is kept there. Free some space and resume."
+                ) from None
+
+        on_first_rank(self._comm, write)
