@@ -34,8 +34,12 @@ from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.marks import Label
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
-from toros_fem.making.print.printability import PrintLimits
-from toros_fem.making.print.regions import StoredPrint, read_print_polygons, write_print_polygons
+from toros_fem.making.print.printability import (
+    PrintLimits,
+    StoredPrint,
+    read_print_polygons,
+    write_print_polygons,
+)
 from toros_fem.making.sheets.layout import CutSheet
 from toros_fem.making.sheets.write import cut_dxf, cut_svg, stl_of, threemf_of
 from toros_fem.materials.library.files import read_library, read_materials, write_material

@@ -48,8 +48,13 @@ class Export(Command, ManufactureOptions, kw_only=True):
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Write the files (collective)."""
         from toros_fem.making.panels.panel_drawing import write_svg
-        from toros_fem.making.print.printability import printability, printed_cells
-        from toros_fem.making.print.regions import PRINT, read_print_polygons, write_print_polygons
+        from toros_fem.making.print.printability import (
+            PRINT,
+            printability,
+            printed_cells,
+            read_print_polygons,
+            write_print_polygons,
+        )
         from toros_fem.making.sheets.manifest import NAME as MANIFEST
         from toros_fem.making.sheets.manifest import PAGE
         from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
@@ -15,11 +15,13 @@ from toros_fem.base.validation import checked_floats, require_count
 from toros_fem.design.density.filters import Filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.options import Iteration
-from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.mechanics.skin.designs import check_density
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.transfer import make_transfer
+
+if TYPE_CHECKING:
+    from toros_fem.design.loop.problem import DesignProblem
 
 InitialDensity = tuple[Pattern, Floats]
 

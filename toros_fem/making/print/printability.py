@@ -1,23 +1,30 @@
-"""Printability of a pattern: pieces, islands, holes, thinnest line and gap."""
+"""Printability of a pattern: pieces, islands, holes, thinnest line and gap; a print as a file."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import shapely
+from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import FileError
 from toros_fem.base.keys import Area, Length, Table, key
-from toros_fem.making.print.regions import BEYOND, beyond_seams
+from toros_fem.base.mpi import on_root
+from toros_fem.making.print.regions import BEYOND, beyond_seams, packed_regions, regions_of
 from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.panels import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern, Regions
+from toros_fem.meshes.pattern_file import archive_of, pattern_of
 from toros_fem.meshes.triangles import linked
 
+PRINT, KIND = "print.npz", "print"
 # Number of points on each pair of sewn edges where the print on both sides is looked up.
 SEAM_POINTS = 32
 # Borders closer than this fraction of the skin's size are the same.
@@ -248,3 +255,44 @@ def printed_fractions(pattern: Pattern, regions: Regions) -> Floats:
         areas = np.bincount(triangle, shapely.area(parts), minlength=len(cut))
         found[cells[cut]] = np.minimum(areas / pattern.areas[cells[cut]], 1.0)
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class StoredPrint:
+    """A print as it was written: the whole pattern, the print on it, and the printer's limits."""
+
+    pattern: Pattern
+    regions: list[BaseGeometry]
+    limits: PrintLimits
+
+
+def write_print_polygons(
+    path: Path | str, pattern: Pattern, regions: Regions, limits: PrintLimits
+) -> None:
+    """Write a print on a whole pattern as an archive, a file ending in .npz (one rank).
+
+    Its entries are those of `write_pattern`, the arrays of `packed_regions`, and "limits", those of
+    the printer.
+    """
+    numbers = {"limits": asdict(limits)}
+    write_archive(Path(path), archive_of(KIND, pattern, packed_regions(regions), numbers))
+
+
+@on_root
+def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
+    """Read the print of a finished run, by its folder or file, the same on all ranks (collective).
+
+    Raises:
+        FileError: There is no such file, it is damaged, of another kind or format, or holds
+            no valid print.
+    """
+    path = Path(run)
+    path = path / PRINT if path.suffix != ".npz" else path
+    remedy = f"Give the folder of a finished design, which has a {PRINT}."
+
+    def make(archive: Archive) -> StoredPrint:
+        limits = PrintLimits(**archive.numbers["limits"])
+        pattern = pattern_of(archive)
+        return StoredPrint(pattern, regions_of(archive, len(pattern.panel_names)), limits)
+
+    return read_archive(path, KIND, make, FileError, remedy)

@@ -1,9 +1,6 @@
-"""Polygons of a print on the panels of a skin, also of another mesh, and their file."""
+"""Polygons on the panels of another mesh, on a whole skin, and on the part that is designed."""
 
 from __future__ import annotations
-
-from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -11,23 +8,20 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.archive import Archive, read_archive, write_archive
+from toros_fem.base.archive import Archive
 from toros_fem.base.errors import FileError
-from toros_fem.base.mpi import on_first_rank, on_root
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.ribbons import straight_joints
 from toros_fem.design.loop.case import Case
-from toros_fem.making.print.printability import PrintLimits
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.panels import polygons_of
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.pattern_file import archive_of, pattern_of
 from toros_fem.meshes.transfer import scaled_points
 
 # Print beyond a seam that is seen with a panel, over the least width and the smoothing length.
 BEYOND = 8.0
 # What closes slits of rounding, over the width of a strip.
 SLIT = 1e-7
-PRINT, KIND = "print.npz", "print"
 REGIONS = ("region_bytes", "region_sizes")
 
 
@@ -128,47 +122,6 @@ def print_on(
         return part_regions(case.pattern, there)
 
     return on_first_rank(comm, laid)
-
-
-@dataclass(frozen=True, eq=False)
-class StoredPrint:
-    """A print as it was written: the whole pattern, the print on it, and the printer's limits."""
-
-    pattern: Pattern
-    regions: list[BaseGeometry]
-    limits: PrintLimits
-
-
-def write_print_polygons(
-    path: Path | str, pattern: Pattern, regions: Regions, limits: PrintLimits
-) -> None:
-    """Write a print on a whole pattern as an archive, a file ending in .npz (one rank).
-
-    Its entries are those of `write_pattern`, the arrays of `packed_regions`, and "limits", those of
-    the printer.
-    """
-    numbers = {"limits": asdict(limits)}
-    write_archive(Path(path), archive_of(KIND, pattern, packed_regions(regions), numbers))
-
-
-@on_root
-def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
-    """Read the print of a finished run, by its folder or file, the same on all ranks (collective).
-
-    Raises:
-        FileError: There is no such file, it is damaged, of another kind or format, or holds
-            no valid print.
-    """
-    path = Path(run)
-    path = path / PRINT if path.suffix != ".npz" else path
-    remedy = f"Give the folder of a finished design, which has a {PRINT}."
-
-    def make(archive: Archive) -> StoredPrint:
-        limits = PrintLimits(**archive.numbers["limits"])
-        pattern = pattern_of(archive)
-        return StoredPrint(pattern, regions_of(archive, len(pattern.panel_names)), limits)
-
-    return read_archive(path, KIND, make, FileError, remedy)
 
 
 def packed_regions(regions: Regions) -> dict[str, npt.NDArray]:

@@ -22,8 +22,8 @@ from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed import PrintedDesign, as_printed, patterns_without_islands
-from toros_fem.making.print.printability import printed_fractions
-from toros_fem.making.print.regions import PRINT, print_on, read_print_polygons
+from toros_fem.making.print.printability import PRINT, printed_fractions, read_print_polygons
+from toros_fem.making.print.regions import print_on
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import State, largest_part, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
