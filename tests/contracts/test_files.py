@@ -56,7 +56,7 @@ from toros_fem.meshes import (
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.surfaces import files
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile, write_tile
+from toros_fem.products.tiles.report import PrintedTile, read_tile, write_tile
 from toros_fem.results.frames import (
     Frame,
     ShownSkin,

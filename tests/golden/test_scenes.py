@@ -29,8 +29,8 @@ from toros_fem.meshes.skin import Skin
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.gripper import gripper
 from toros_fem.products.own_mesh import own_mesh
-from toros_fem.products.tile_design import tile
-from toros_fem.products.tile_design.problem import tile_problem
+from toros_fem.products.tiles import tile
+from toros_fem.products.tiles.problem import tile_problem
 from toros_fem.products.tubes import bend, bend_twist, contract, inflate, twist
 from toros_fem.products.tubes.tube import plain_tube
 from toros_fem.products.walker import walker as walking

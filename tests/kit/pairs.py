@@ -59,7 +59,7 @@ from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
-from toros_fem.products.tile_design.problem import TileProblem
+from toros_fem.products.tiles.problem import TileProblem
 from toros_fem.products.tiles.stiffness_profile import (
     ProfileObjective,
     ProfileSolver,

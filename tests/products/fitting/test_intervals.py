@@ -9,8 +9,7 @@ from scipy.signal import lfilter
 
 from toros_fem import fit_material
 from toros_fem.base.errors import FileError
-from toros_fem.products.fitting.intervals import correlation
-from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.samples import TensileTest, correlation
 from toros_fem.products.options import FitOptions
 
 

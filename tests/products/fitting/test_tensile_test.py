@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toros_fem.base.errors import FileError
-from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.samples import TensileTest
 
 
 def cycles(noise: float = 0.0) -> TensileTest:

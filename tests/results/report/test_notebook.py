@@ -10,7 +10,7 @@ from helpers.runs import change_summary
 from toros_fem.base.errors import FileError, MissingPackageError
 from toros_fem.measures.figures import Figure
 from toros_fem.products.actuators.result import SkinDesign
-from toros_fem.products.tile_design.report import TileRun
+from toros_fem.products.tiles.report import TileRun
 from toros_fem.products.tubes.inflate import InflationResult
 from toros_fem.results.report.page_file import read_summary, write_report
 from toros_fem.results.result import RunResult

@@ -17,8 +17,8 @@ from toros_fem.cli.command_line.exit_codes import UsageError
 from toros_fem.products.options import FitOptions
 
 if TYPE_CHECKING:
-    from toros_fem.products.fitting.result import FitResult
-    from toros_fem.products.fitting.tensile_test import TensileTest
+    from toros_fem.products.fitting.fit import FitResult
+    from toros_fem.products.fitting.samples import TensileTest
 
 
 class _Entry(Table, kw_only=True):
@@ -85,7 +85,7 @@ class Fit(Command, FitOptions, _Entry, _Unsaid, kw_only=True):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Fit, and write the report and the entry (collective)."""
-        from toros_fem.products.fitting.report import FILES, fit_table, write_fit
+        from toros_fem.products.fitting.fit import FILES, fit_table, write_fit
 
         if (self.name is None) != (self.library is None):
             raise UsageError("--name and --library belong together: give both, or none.")
@@ -102,8 +102,7 @@ class Fit(Command, FitOptions, _Entry, _Unsaid, kw_only=True):
     def _material(self) -> FitResult:
         """Return constants, and write them where a name asks for it (one rank)."""
         from toros_fem.materials.library.files import write_material
-        from toros_fem.products.fitting.fit import fit_material
-        from toros_fem.products.fitting.report import library_entry
+        from toros_fem.products.fitting.fit import fit_material, library_entry
 
         result = fit_material(self._tests(), self.updating(FitOptions()))
         if self.name is not None and self.library is not None:

@@ -20,8 +20,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.result import ToleranceResult, Variant
-from toros_fem.products.tolerance.simulated import simulated_tolerances
+from toros_fem.products.tolerance.simulated import ToleranceResult, Variant, simulated_tolerances
 from toros_fem.results.frames import FOLDER, read_frames, read_skin
 from toros_fem.results.stored_run import SUMMARY, Summary, summary_of
 

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.meshes import SYMMETRIES
-from toros_fem.products.tile_design import tile as demo
+from toros_fem.products.tiles import tile as demo
 
 
 @pytest.mark.parametrize("target", list(demo.SYMMETRIES))

@@ -25,7 +25,7 @@ from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
-from toros_fem.products.tile_design.problem import TileProblem, tile_problem
+from toros_fem.products.tiles.problem import TileProblem, tile_problem
 from toros_fem.products.tiles.stiffness_profile import (
     ProfileObjective,
     ProfileTarget,

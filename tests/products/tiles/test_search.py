@@ -11,10 +11,10 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.design.loop.loop import optimize
 from toros_fem.making.print.widths import Widths
-from toros_fem.products.tile_design import search
-from toros_fem.products.tile_design.as_printed import TileResult, simulated_print
-from toros_fem.products.tile_design.search import design_tile, random_lines, random_waves
+from toros_fem.products.tiles import search
 from toros_fem.products.tiles.printability import TilePrintability
+from toros_fem.products.tiles.problem import TileResult, simulated_print
+from toros_fem.products.tiles.search import design_tile, random_lines, random_waves
 from toros_fem.products.tiles.stiffness_profile import Contrast, Profile
 
 SHORT = SMALL.updated(

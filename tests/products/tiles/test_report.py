@@ -11,9 +11,8 @@ from helpers.tiles import SMALL, small_result
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
-from toros_fem.products.tile_design.as_printed import PrintMeasurement
-from toros_fem.products.tile_design.report import TileRun, write_tile_results
-from toros_fem.products.tiles.printed_tile import read_tile
+from toros_fem.products.tiles.problem import PrintMeasurement
+from toros_fem.products.tiles.report import TileRun, read_tile, write_tile_results
 from toros_fem.products.tiles.stiffness_profile import Contrast
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
@@ -66,7 +65,7 @@ def test_a_run_that_looks_finished_has_all_its_files(
     measured = PrintMeasurement(
         result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool), {}
     )
-    monkeypatch.setattr("toros_fem.products.tile_design.report.write_tile", full)
+    monkeypatch.setattr("toros_fem.products.tiles.report.write_tile", full)
     with pytest.raises(OutputError, match="no space"):
         write_tile_results(tmp_path, TileRun(result, measured, {}))
     assert not (tmp_path / "summary.json").exists()

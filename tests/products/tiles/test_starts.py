@@ -6,7 +6,7 @@ from helpers.tiles import EDGES, SIDE, tile_of
 from scipy.spatial import cKDTree
 
 from toros_fem.meshes import SYMMETRIES
-from toros_fem.products.tile_design.search import (
+from toros_fem.products.tiles.search import (
     LineFamily,
     random_families,
     random_lines,

@@ -34,10 +34,9 @@ from toros_fem.products.plausibility import (
     warn_of_doubts,
     with_lengths,
 )
-from toros_fem.products.tile_design.as_printed import measure_print
-from toros_fem.products.tile_design.problem import TileCase, TileDesignScene
-from toros_fem.products.tile_design.report import TileRun, write_tile_results
-from toros_fem.products.tile_design.search import design_tile
+from toros_fem.products.tiles.problem import TileCase, TileDesignScene, measure_print
+from toros_fem.products.tiles.report import TileRun, write_tile_results
+from toros_fem.products.tiles.search import design_tile
 from toros_fem.products.tiles.stiffness_profile import Contrast, ProfileObjective, ProfileTarget
 from toros_fem.results.open_run import journal_of
 from toros_fem.results.reporter import DesignReporter, print_step

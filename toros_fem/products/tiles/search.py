@@ -22,15 +22,16 @@ from toros_fem.making.as_printed import contour_values
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
-from toros_fem.products.tile_design.as_printed import TileResult, simulated_print
-from toros_fem.products.tile_design.problem import (
+from toros_fem.products.tiles.printability import TilePrintability, tile_printability
+from toros_fem.products.tiles.problem import (
     Searching,
     TileCase,
     TileDesignScene,
     TileProblem,
+    TileResult,
+    simulated_print,
     tile_problem,
 )
-from toros_fem.products.tiles.printability import TilePrintability, tile_printability
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 
 # Factor on T of a start or draft with places too narrow for the printer: only if its T is smaller
@@ -50,8 +51,18 @@ MIN_DECREASE = 0.05
 # times as stiff: with more of it beside a line the print would be much softer than the design. With
 # twice as much, designs freeze and corrections act no more.
 STEEPER = 4
-
 A = TypeVar("A")
+# A random start has waves of 0 to WAVES − 1 periods along each side.
+WAVES = 4
+# Normals of the two families, in periods along the sides: along the sides, or along the diagonals.
+PAIRS = (((0, 1), (1, 0)), ((1, 1), (1, -1)))
+# Probabilities that the families are diagonal, and that the lines of a family are straight.
+DIAGONAL, STRAIGHT = 0.25, 0.25
+# Bounds of the amplitude of wavy lines in periods of the family, and of the width of lines relative
+# to that of the narrowest.
+AMPLITUDES, WIDTHS = (0.05, 0.15), (1.0, 2.0)
+# Largest number of waves of a line in one tile.
+MOST_WAVES = 2
 
 
 def design_tile(
@@ -249,19 +260,6 @@ def _corrected(target: ProfileTarget, designed: Profile, printed: Profile) -> Pr
         lost = designed.contraction - printed.contraction
         changes["contraction"] = target.contraction + lost
     return replace(target, **changes)
-
-
-# A random start has waves of 0 to WAVES − 1 periods along each side.
-WAVES = 4
-# Normals of the two families, in periods along the sides: along the sides, or along the diagonals.
-PAIRS = (((0, 1), (1, 0)), ((1, 1), (1, -1)))
-# Probabilities that the families are diagonal, and that the lines of a family are straight.
-DIAGONAL, STRAIGHT = 0.25, 0.25
-# Bounds of the amplitude of wavy lines in periods of the family, and of the width of lines relative
-# to that of the narrowest.
-AMPLITUDES, WIDTHS = (0.05, 0.15), (1.0, 2.0)
-# Largest number of waves of a line in one tile.
-MOST_WAVES = 2
 
 
 @dataclass(frozen=True)
