@@ -29,8 +29,7 @@ from toros_fem.base.errors import TorosError
 from toros_fem.base.files import reason
 from toros_fem.base.scene import Scene
 from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.cli.scene_files import read_scene, scene_text
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.marks import Label
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings

@@ -18,7 +18,7 @@ from helpers.scenes import DATA
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError, TorosError
-from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.scene_files import read_scene
 from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.making.sheets.write import _earlier
 from toros_fem.materials.library.files import read_materials

@@ -15,7 +15,7 @@ from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.scene_files import read_scene
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.relaxed.find import find_lines
 from toros_fem.mechanics.paths.trace import trace

@@ -9,9 +9,8 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import FileError, OutputError, ParameterError
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.layout import keys_of
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.cli.studies.study import Trial, combinations, rows_of, run_study, values_of
+from toros_fem.cli.running import Trial, combinations, rows_of, run_study, values_of
+from toros_fem.cli.scene_files import keys_of, read_scene
 from toros_fem.measures.figures import Figure
 from toros_fem.products.kinds import KINDS
 from toros_fem.results.stored_run import Summary

@@ -1,4 +1,7 @@
-"""What the package needs, looked for with the standard library alone, and how to get it."""
+"""The process of `toros`: its exit codes, what it needs, and folders that it can write to.
+
+Only the standard library is loaded here, since nothing else may be there.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,43 @@ import importlib
 import json
 import os
 import shutil
+import stat
 import sys
 import sysconfig
+import tempfile
+import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-# Exit code.
+from toros_fem.base.errors import (
+    NoEquilibriumError,
+    OutputError,
+    RunStoppedError,
+    TorosError,
+)
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+DONE = 0
+INTERNAL = 1
+WRONG_INPUT = 2
+NO_EQUILIBRIUM = 3
+NOT_WRITTEN = 4
 MISSING = 5
-MEANING = "something that the package needs is missing; `toros doctor` says what"
-
+INTERRUPTED = 130
+MEANING = {
+    DONE: "done",
+    INTERNAL: "an error of the program; please report it",
+    WRONG_INPUT: "wrong input: an option, a file or a value",
+    NO_EQUILIBRIUM: "no equilibrium was found, or the design failed",
+    NOT_WRITTEN: "a folder or file cannot be written or is in use",
+    MISSING: "something that the package needs is missing; `toros doctor` says what",
+    INTERRUPTED: "stopped by Ctrl-C (SIGINT); the state of a design is written",
+    140: "stopped by SIGUSR2, which mpirun passes on; the state of a design is written",
+    143: "stopped by SIGTERM; the state of a design is written",
+}
 WHEELS = (
     "On Linux (x86-64, glibc 2.34 or newer), in the checkout, with Python 3.12 or newer"
     f"{'' if sys.version_info >= (3, 12) else ' (this one is older)'}: pip install '.[fenicsx]'. "
@@ -26,6 +57,37 @@ LIBRARIES = (
 )
 PLAIN = ("numpy", "scipy", "meshio", "h5py", "shapely", "tqdm", "pydantic", "cyclopts")
 OLDEST, NEWEST = (0, 9), (0, 11)
+HOME, CACHE = "HOME", "XDG_CACHE_HOME"
+
+
+class UsageError(TorosError, ValueError):
+    """The command line is not understood; the message names the word and the nearest known one."""
+
+
+def exit_code(error: BaseException) -> int:
+    """Return the exit code of an error."""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED
+    if isinstance(error, NoEquilibriumError):
+        return NO_EQUILIBRIUM
+    if isinstance(error, RunStoppedError):
+        return 128 + error.signal
+    if isinstance(error, OutputError):
+        return NOT_WRITTEN
+    if isinstance(error, TorosError):
+        return WRONG_INPUT
+    if isinstance(error, ImportError):
+        own = (error.name or "toros_fem").startswith("toros_fem")
+        return INTERNAL if own else MISSING
+    return INTERNAL
+
+
+def tell_alone(comm: MPI.Comm, error: Exception) -> None:
+    """Print an error that this rank has and others have not."""
+    text = f"{type(error).__name__}: {error}"
+    if not isinstance(error, TorosError):
+        text = "".join(traceback.format_exception(error))
+    print(f"rank {comm.rank} alone: {text}", file=sys.stderr, flush=True)
 
 
 def lacking() -> list[str]:
@@ -93,3 +155,37 @@ def _petsc() -> None:
     PETSc = importlib.import_module("petsc4py.PETSc")
     if PETSc.ScalarType is not PETSc.RealType:
         raise ImportError("PETSc is built with complex scalars, real ones are needed")
+
+
+def use_writable_places() -> None:
+    """Let home and cache be folders that can be used, where they are not, in the temporary one.
+
+    Open MPI does not start without a home, and forms are compiled into the cache. All ranks of a
+    machine take the same folder.
+    """
+    home = os.environ.get(HOME, "")
+    if not os.path.isdir(home) and (spare := _spare()):
+        os.environ[HOME] = home = str(spare)
+    cache = os.environ.get(CACHE) or os.path.join(home, ".cache")
+    if not _writable(Path(cache)) and (spare := _spare()):
+        os.environ[CACHE] = str(spare)
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError):
+        return False
+    return os.access(folder, os.W_OK | os.X_OK)
+
+
+def _spare() -> Path | None:
+    """Return a temporary folder of this user alone; None if somebody else has its name."""
+    folder = Path(tempfile.gettempdir()) / f"toros_fem-{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        about = folder.lstat()
+    except OSError:
+        return None
+    own = stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid()
+    return folder if own and not about.st_mode & 0o022 else None

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import NONE, Key, Table, plain_value
-from toros_fem.cli.command_line.exit_codes import UsageError
+from toros_fem.cli.process import UsageError
 
 T = TypeVar("T", bound=Table)
 METAVARS, QUOTE = {float: "X", int: "N", str: "NAME", Path: "PATH"}, '"'
