@@ -46,6 +46,7 @@ from toros_fem.meshes import sew
 from toros_fem.products.tubes.tube import bend_metric
 from toros_fem.results.frames import FOLDER, read_frames, read_skin
 from toros_fem.results.pictures.of_run import facts_of
+from toros_fem.results.pictures.raster import View
 from toros_fem.results.pictures.shapes import plot_states
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.style import (
@@ -59,7 +60,6 @@ from toros_fem.results.pictures.style import (
     TALL,
     page,
 )
-from toros_fem.results.pictures.view import View
 from toros_fem.results.report.page_file import write_report
 from toros_fem.results.stored_run import read_run
 

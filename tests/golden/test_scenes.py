@@ -19,8 +19,7 @@ from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
-from toros_fem.design.relaxed.problem import relaxed_problem
+from toros_fem.design.relaxed.problem import FixedDirections, FreeDirections, relaxed_problem
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace

@@ -42,8 +42,13 @@ from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.design.loop.steps import Steps, Variables
 from toros_fem.design.mma.optimizer import Functions
-from toros_fem.design.relaxed.families import Families, FixedDirections, FreeDirections
-from toros_fem.design.relaxed.problem import relaxed_problem, smoothing
+from toros_fem.design.relaxed.problem import (
+    Families,
+    FixedDirections,
+    FreeDirections,
+    relaxed_problem,
+    smoothing,
+)
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective

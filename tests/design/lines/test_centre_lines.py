@@ -3,10 +3,9 @@ import pytest
 from helpers.lines import even_field, largest_jump
 from mpi4py import MPI
 
-from toros_fem.design.lines.centre_lines import trace
+from toros_fem.design.lines.centre_lines import Stripes, Waves, trace
+from toros_fem.design.lines.field import LineMesh, make_line_mesh
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.line_mesh import LineMesh, make_line_mesh
-from toros_fem.design.lines.stripes import Stripes, Waves
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.makers.sheets import rectangle
 

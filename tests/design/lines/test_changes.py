@@ -9,22 +9,19 @@ import shapely
 from helpers.lines import even_field, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
-from toros_fem.design.lines.changes import (
+from toros_fem.design.lines.field import LineField, LineMesh, LineOptions, coordinates
+from toros_fem.design.lines.laid_lines import (
+    LaidLines,
+    LineChange,
     SmoothChanges,
+    _warped,
+    change_between,
+    changed,
     print_borders,
     smooth_fields,
     smooth_functions,
 )
-from toros_fem.design.lines.field import LineField, LineOptions
-from toros_fem.design.lines.laid_lines import (
-    LaidLines,
-    LineChange,
-    _warped,
-    change_between,
-    changed,
-)
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.line_mesh import LineMesh, coordinates
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.border_mesh import bordered
 from toros_fem.meshes.makers.sheets import rectangle

@@ -3,7 +3,7 @@ import pytest
 from helpers.lines import turned_halves
 from mpi4py import MPI
 
-from toros_fem.design.lines.line_mesh import LineMesh, make_line_mesh
+from toros_fem.design.lines.field import LineMesh, make_line_mesh
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.pattern import Pattern

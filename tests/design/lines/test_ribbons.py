@@ -5,7 +5,7 @@ import pytest
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.design.lines.ribbons import Joint, cleaned, ribbons
+from toros_fem.design.lines.laid_lines import Joint, cleaned, ribbons
 
 WIDTH = 0.6e-3
 

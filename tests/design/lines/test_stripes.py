@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.design.lines.line_mesh import LineMesh, make_line_mesh
-from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes
+from toros_fem.design.lines.centre_lines import Stripes, Waves, find_stripes
+from toros_fem.design.lines.field import LineMesh, make_line_mesh
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.makers.sheets import disc, rectangle
 from toros_fem.meshes.triangles import following

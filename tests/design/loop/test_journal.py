@@ -17,8 +17,7 @@ from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.steps import Steps, Variables
-from toros_fem.design.relaxed.families import FixedDirections
-from toros_fem.design.relaxed.problem import relaxed_problem
+from toros_fem.design.relaxed.problem import FixedDirections, relaxed_problem
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.meshes import Skin, cylinder, sew
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
+from toros_fem.design.relaxed.problem import FixedDirections, FreeDirections
 
 
 def test_sum_of_fixed_shares_stays_below_its_limit() -> None:

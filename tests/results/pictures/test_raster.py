@@ -11,13 +11,13 @@ from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.raster import (
     DrawnSurface,
     Image,
+    View,
     ink_of,
     render,
     silhouettes,
     window_of,
 )
 from toros_fem.results.pictures.style import BODY, FABRIC
-from toros_fem.results.pictures.view import View
 
 BALL = rigid_sphere("ball", 0.01)
 RED, GREEN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])

@@ -5,7 +5,7 @@ import pytest
 from helpers.runs import bent
 
 from toros_fem.meshes import Pattern
-from toros_fem.results.pictures.view import View, oblique_view, side_view
+from toros_fem.results.pictures.raster import View, oblique_view, side_view
 
 
 def test_directions_are_those_of_a_viewer() -> None:

@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 
-from toros_fem.results.pictures.style import DPI
-from toros_fem.results.pictures.words import Word, write_words
+from toros_fem.results.pictures.style import DPI, Word, write_words
 
 
 def boxes_of(axes: Axes) -> list[Bbox]:

@@ -72,8 +72,8 @@ class Unwrap(Command, Unwrapping, kw_only=True):
         }
 
         def draw() -> None:
+            from toros_fem.results.pictures.flat import draw_unwrapped
             from toros_fem.results.pictures.style import TALL, page
-            from toros_fem.results.pictures.unwrapped import draw_unwrapped
 
             with page(output / "unwrap.png", size=TALL) as figure:
                 draw_unwrapped(figure, unwrapped)

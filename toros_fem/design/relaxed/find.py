@@ -21,8 +21,14 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.design.loop.steps import by_cell
 from toros_fem.design.mma.optimizer import MMAOptions
-from toros_fem.design.relaxed.families import Directions, FixedDirections, FreeDirections, Share
-from toros_fem.design.relaxed.problem import LineShares, relaxed_problem
+from toros_fem.design.relaxed.problem import (
+    Directions,
+    FixedDirections,
+    FreeDirections,
+    LineShares,
+    Share,
+    relaxed_problem,
+)
 from toros_fem.mechanics.skin.designs import crossing_of_widths
 from toros_fem.meshes.pattern import Pattern
 

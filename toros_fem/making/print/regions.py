@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.archive import Archive
 from toros_fem.base.errors import FileError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.design.lines.ribbons import straight_joints
+from toros_fem.design.lines.laid_lines import straight_joints
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.panels import polygons_of

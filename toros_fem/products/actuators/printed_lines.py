@@ -11,14 +11,17 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.design.lines.changes import (
+from toros_fem.design.lines.laid_lines import (
+    LaidLines,
+    LineChange,
     PrintBorders,
     SmoothChanges,
+    change_between,
+    changed,
     print_borders,
     smooth_fields,
     smooth_functions,
 )
-from toros_fem.design.lines.laid_lines import LaidLines, LineChange, change_between, changed
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.miss import Residuals
 from toros_fem.design.loop.shape_design import ShapeDesign

@@ -110,11 +110,10 @@ def write_lift(
         return in_room(body.points, axis, 0.0) + [0.0, 0.0, height]
 
     def draw() -> None:
-        from toros_fem.results.pictures.raster import DrawnSurface
+        from toros_fem.results.pictures.raster import DrawnSurface, View
         from toros_fem.results.pictures.shapes import plot_states
         from toros_fem.results.pictures.shown import DrawnSkin
         from toros_fem.results.pictures.style import BODY
-        from toros_fem.results.pictures.view import View
 
         stand = DrawnSurface(post.triangles, post.points, BODY, closed=True)
         states = []

@@ -26,7 +26,7 @@ from toros_fem.design.lines.field import Spread
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_design import POWER, Regularisation
 from toros_fem.design.mma.optimizer import MMAOptions
-from toros_fem.design.relaxed.families import Directions, Share
+from toros_fem.design.relaxed.problem import Directions, Share
 from toros_fem.making.print.printability import PrintLimits
 
 # What the densities of a design may start from.

@@ -226,10 +226,10 @@ def write_gait(
 
     def draw() -> None:
         from toros_fem.results.pictures.curves import cycle_title, draw_tracks
+        from toros_fem.results.pictures.raster import View
         from toros_fem.results.pictures.shapes import plot_states
         from toros_fem.results.pictures.shown import DrawnSkin
         from toros_fem.results.pictures.style import page
-        from toros_fem.results.pictures.view import View
 
         robot, shown = DrawnSkin(skin), []
         for number, k in enumerate(range(0, len(points), gait.steps)):
