@@ -28,7 +28,7 @@ from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.measures.figures import NONE, Figure, State, formatted, overall, split_key
 from toros_fem.products.actuators.estimates import Job, SimulatedPrint, simulated_on
 from toros_fem.results.reporter import duration
-from toros_fem.results.stored_run import Summary, summary_of
+from toros_fem.results.runs.stored_run import Summary, summary_of
 
 SIZES = ("coarse", "full")
 # Folder of all runs.

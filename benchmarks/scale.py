@@ -33,11 +33,11 @@ from toros_fem.making.print.printability import printability, printed_cells
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import bend
 from toros_fem.products.tubes.tube import Tube, TubeScene, bend_metric
-from toros_fem.results.frames import ShownSkin
 from toros_fem.results.pictures.flat import draw_pattern
 from toros_fem.results.pictures.shapes import draw_shape
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.style import page
+from toros_fem.results.runs.frames import ShownSkin
 from toros_fem.results.writer import write_fields
 
 SIZES = (3_000, 12_000, 45_000, 146_000, 250_000)

@@ -32,7 +32,7 @@ from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.products.tiles.plots import plot_sheet
 from toros_fem.products.tiles.report import PrintedTile, print_layout
 from toros_fem.products.tiles.stiffness_profile import profiles, tile_solver
-from toros_fem.results.open_run import begin_folder
+from toros_fem.results.runs.open_run import begin_folder
 
 parser = argparse.ArgumentParser(description="Pull a sheet of tiles beside its prediction.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and fewer tiles")

@@ -44,7 +44,6 @@ from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import sew
 from toros_fem.products.tubes.tube import bend_metric
-from toros_fem.results.frames import FOLDER, read_frames, read_skin
 from toros_fem.results.pictures.of_run import facts_of
 from toros_fem.results.pictures.raster import View
 from toros_fem.results.pictures.shapes import plot_states
@@ -61,7 +60,8 @@ from toros_fem.results.pictures.style import (
     page,
 )
 from toros_fem.results.report.page_file import write_report
-from toros_fem.results.stored_run import read_run
+from toros_fem.results.runs.frames import FOLDER, read_frames, read_skin
+from toros_fem.results.runs.stored_run import read_run
 
 DOCS = ROOT / "docs"
 BEND = folder_of(next(demo for demo in DEMOS if demo.name == "bend"), "coarse")

@@ -18,7 +18,7 @@ from toros_fem.base import files
 from toros_fem.base.archive import Archive
 from toros_fem.base.errors import CheckpointError, OutputError
 from toros_fem.base.files import UNFINISHED, guarded, write_json, write_table
-from toros_fem.results.open_run import NAME, RunJournal, open_run, read_record
+from toros_fem.results.runs.open_run import NAME, RunJournal, open_run, read_record
 
 # The child writes files alone, and uses none of the threads that it does not have.
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")

@@ -56,7 +56,7 @@ from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.surfaces import files
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tiles.report import PrintedTile, read_tile, write_tile
-from toros_fem.results.frames import (
+from toros_fem.results.runs.frames import (
     Frame,
     ShownSkin,
     read_frames,
@@ -64,7 +64,7 @@ from toros_fem.results.frames import (
     write_frame,
     write_skin,
 )
-from toros_fem.results.open_run import open_run, read_record
+from toros_fem.results.runs.open_run import open_run, read_record
 
 ALONE, LIBRARY = MPI.COMM_SELF, read_library()
 FEW = settings(

@@ -25,8 +25,8 @@ from toros_fem.materials.library.files import read_materials
 from toros_fem.meshes import from_mesh, read_pattern, read_surface
 from toros_fem.products.fitting.reading import read_tensile_tests
 from toros_fem.products.tiles.report import read_tile
-from toros_fem.results.open_run import read_record
 from toros_fem.results.report.page_file import write_report
+from toros_fem.results.runs.open_run import read_record
 
 # What `make fuzz` found.
 FOUND = DATA / "found"

@@ -14,9 +14,9 @@ from mpi4py import MPI
 
 from toros_fem.base.files import guarded, replace_file
 from toros_fem.design.loop.options import Iteration
-from toros_fem.results.frames import FOLDER, Frame, read_frames, write_frame
-from toros_fem.results.open_run import open_run
 from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.frames import FOLDER, Frame, read_frames, write_frame
+from toros_fem.results.runs.open_run import open_run
 
 NUMBERS: dict[str, Any] = {name: 1.0 for name in Iteration.__dataclass_fields__}
 NUMBERS |= {

@@ -22,7 +22,7 @@ from toros_fem.results.result import (
     shape_problem,
     write_summary,
 )
-from toros_fem.results.stored_run import summary_of
+from toros_fem.results.runs.stored_run import summary_of
 
 
 def of(result: DesignResult, printed: PrintedDesign, **more: Any) -> PrintedResult:

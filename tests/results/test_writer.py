@@ -23,7 +23,7 @@ from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field, wrinkles
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import cylinder, mirrored, sew
-from toros_fem.results.frames import read_frames
+from toros_fem.results.runs.frames import read_frames
 from toros_fem.results.writer import PathResult, write_pressure_path, write_results
 
 

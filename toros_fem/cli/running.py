@@ -28,10 +28,10 @@ from toros_fem.cli.scene_files import QUICK, SceneFile, keys_of, read_scene, sce
 from toros_fem.measures.figures import State
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.plausibility import doubts, warn_of_doubts
-from toros_fem.results.open_run import EVERY, FREE, open_run, read_record
 from toros_fem.results.report.page_file import write_report
 from toros_fem.results.report.tables import as_text
-from toros_fem.results.stored_run import (
+from toros_fem.results.runs.open_run import EVERY, FREE, open_run, read_record
+from toros_fem.results.runs.stored_run import (
     RECORD,
     SCENE,
     STATE,

@@ -19,9 +19,9 @@ from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
-from toros_fem.results.frames import FOLDER, forget_from, rename
-from toros_fem.results.open_run import begin_folder
-from toros_fem.results.record import gathered_frame, write_step
+from toros_fem.results.runs.frames import FOLDER, forget_from, rename
+from toros_fem.results.runs.open_run import begin_folder
+from toros_fem.results.runs.record import gathered_frame, write_step
 
 Item = TypeVar("Item")
 # Least width of a column that holds a metric.

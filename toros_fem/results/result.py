@@ -25,10 +25,10 @@ from toros_fem.making.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall, verdict_of
 from toros_fem.measures.miss import shape_figures
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.results.open_run import require_open, run_of
 from toros_fem.results.report.page_file import EmbeddedPage, view_of
 from toros_fem.results.report.tables import as_text
-from toros_fem.results.stored_run import SUMMARY, Summary, figures_html, notes_at, warnings_of
+from toros_fem.results.runs.open_run import require_open, run_of
+from toros_fem.results.runs.stored_run import SUMMARY, Summary, figures_html, notes_at, warnings_of
 
 # A pressure this near to its bound, over it, is at it; so much of the stretch bounds is nearly all.
 NEAR_BOUND, STRETCHED = 1e-3, 0.97

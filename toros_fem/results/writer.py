@@ -30,9 +30,6 @@ from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.results.frames import Frame, ShownSkin
-from toros_fem.results.open_run import require_open
-from toros_fem.results.record import shown_skin, whole_cells, write_path, write_series
 from toros_fem.results.result import (
     PrintedResult,
     RunResult,
@@ -40,7 +37,10 @@ from toros_fem.results.result import (
     state_figures,
     write_summary,
 )
-from toros_fem.results.stored_run import notes_at
+from toros_fem.results.runs.frames import Frame, ShownSkin
+from toros_fem.results.runs.open_run import require_open
+from toros_fem.results.runs.record import shown_skin, whole_cells, write_path, write_series
+from toros_fem.results.runs.stored_run import notes_at
 
 
 def write_results(

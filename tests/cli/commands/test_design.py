@@ -16,7 +16,7 @@ from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files import scene_text
 from toros_fem.meshes.pattern_file import write_pattern
 from toros_fem.products.kinds import KINDS
-from toros_fem.results.open_run import open_run
+from toros_fem.results.runs.open_run import open_run
 
 Designed = tuple[Path, Path]
 

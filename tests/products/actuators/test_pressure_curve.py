@@ -34,7 +34,7 @@ from toros_fem.products.actuators.pressure import (
     write_curve,
 )
 from toros_fem.products.tables.loads import ResultTable
-from toros_fem.results.frames import read_frames
+from toros_fem.results.runs.frames import read_frames
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))
 Print = Evaluation[Equilibrium]

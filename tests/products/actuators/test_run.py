@@ -28,8 +28,8 @@ from toros_fem.products.actuators.pressure import NOT_FROM_REST, OTHER_SHAPE, Cu
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tubes import bend as bend_demo
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
-from toros_fem.results.frames import FOLDER, Frame, read_frames
 from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.frames import FOLDER, Frame, read_frames
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 

@@ -27,7 +27,7 @@ from toros_fem.products.own_mesh.own_mesh import (
     OwnSkin,
     read_skin,
 )
-from toros_fem.results.stored_run import summary_of
+from toros_fem.results.runs.stored_run import summary_of
 
 pytestmark = pytest.mark.usefixtures("few_pictures")
 FINGER_SKIN = meshio.read(FINGER)

@@ -12,7 +12,7 @@ from toros_fem.making.print.printability import PrintLimits, write_print_polygon
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.of_run import _Pictures, draw_run, facts_of, sentence
-from toros_fem.results.stored_run import read_run
+from toros_fem.results.runs.stored_run import read_run
 
 pytestmark = pytest.mark.usefixtures("rough")
 MOST = 500_000

@@ -12,7 +12,7 @@ from toros_fem.base.errors import FileError, OutputError
 from toros_fem.measures.figures import Figure
 from toros_fem.results.report.page_file import write_report
 from toros_fem.results.report.tables import as_text, key_figures
-from toros_fem.results.stored_run import read_run, summary_of
+from toros_fem.results.runs.stored_run import read_run, summary_of
 
 
 def scene_of(page: str) -> dict:

@@ -14,15 +14,15 @@ from helpers.runs import STRIPE, bent, regions_of, tube
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.meshes import Pattern, twist
 from toros_fem.meshes.surfaces.flatten import triangle_stretches
-from toros_fem.results.frames import Frame, ShownSkin, write_frame, write_skin
-from toros_fem.results.record import repeated
 from toros_fem.results.report import page_file
 from toros_fem.results.report.page_file import (
     FlatPatterns,
     eye,
     packed_scene,
 )
-from toros_fem.results.stored_run import read_run
+from toros_fem.results.runs.frames import Frame, ShownSkin, write_frame, write_skin
+from toros_fem.results.runs.record import repeated
+from toros_fem.results.runs.stored_run import read_run
 
 
 class Reader:

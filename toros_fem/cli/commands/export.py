@@ -100,7 +100,7 @@ class Export(Command, ManufactureOptions, kw_only=True):
         from toros_fem.making.sheets.manifest import PAGE
         from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture
         from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
-        from toros_fem.results.stored_run import read_content
+        from toros_fem.results.runs.stored_run import read_content
 
         stored = read_print_polygons(comm, self.run)
         run = self.run.parent if self.run.suffix == ".npz" else self.run

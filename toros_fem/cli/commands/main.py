@@ -59,8 +59,7 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
 # The files of commands that share one.
 FILES: Mapping[str, str] = MappingProxyType(
     {
-        **dict.fromkeys(("simulate", "resume", "study"), "design"),
-        "doctor": "check",
+        **dict.fromkeys(("check", "simulate", "resume", "study"), "design"),
         "view": "export",
         "fit": "materials",
     }

@@ -71,7 +71,7 @@ def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[s
     from toros_fem.products.actuators.scene import ActuatorScene
     from toros_fem.products.kinds import KINDS
     from toros_fem.products.tolerance.of_run import finished_summary
-    from toros_fem.results.stored_run import SCENE
+    from toros_fem.results.runs.stored_run import SCENE
 
     folder = Path(run)
     on_first_rank(comm, lambda: finished_summary(folder))

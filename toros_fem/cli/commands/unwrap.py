@@ -48,7 +48,7 @@ class Unwrap(Command, Unwrapping, kw_only=True):
 
         from toros_fem.making.panels.panel_drawing import write_svg
         from toros_fem.meshes.pattern_file import NAME, write_pattern
-        from toros_fem.results.open_run import require_open
+        from toros_fem.results.runs.open_run import require_open
         from toros_fem.results.writer import write_fields
 
         output = self.output or Path(self.mesh.stem)

@@ -45,9 +45,9 @@ from toros_fem.products.actuators.estimates import (
 from toros_fem.products.actuators.pressure import trimmed, worst_of_print, write_curve
 from toros_fem.products.actuators.result import SearchRecord, SkinDesign
 from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
-from toros_fem.results.open_run import run_of
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
+from toros_fem.results.runs.open_run import run_of
 from toros_fem.results.writer import draw_pictures, write_design
 
 if TYPE_CHECKING:

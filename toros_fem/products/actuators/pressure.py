@@ -28,8 +28,8 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import follow_pressures
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
 from toros_fem.products.tables.loads import ResultTable
-from toros_fem.results.record import shown_skin, write_path
-from toros_fem.results.stored_run import notes_at
+from toros_fem.results.runs.record import shown_skin, write_path
+from toros_fem.results.runs.stored_run import notes_at
 
 # Largest change of the pressure, as a fraction of it.
 SHARE = 0.15

@@ -35,8 +35,8 @@ from toros_fem.products.actuators.simulate import FILES, SimulationResult, simul
 from toros_fem.products.plausibility import Group, Inflated, with_lengths
 from toros_fem.products.tables.loads import PressureTable, ResultTable, SkinSheets
 from toros_fem.products.tables.steps import DesignTable, LineTable, PrinterTable
-from toros_fem.results.open_run import journal_of
 from toros_fem.results.reporter import DesignReporter, print_step
+from toros_fem.results.runs.open_run import journal_of
 
 SOURCE = {
     "start_from": "output folder of a design, whose print the densities start from; none: `start`"

@@ -36,7 +36,7 @@ from toros_fem.products.actuators.estimates import (
 )
 from toros_fem.results.reporter import print_step, with_progress
 from toros_fem.results.result import write_summary
-from toros_fem.results.stored_run import summary_of
+from toros_fem.results.runs.stored_run import summary_of
 from toros_fem.results.writer import PathResult, draw_pictures, write_pressure_path
 
 if TYPE_CHECKING:  # a scene is simulated here, and says so

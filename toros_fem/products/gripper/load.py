@@ -38,8 +38,8 @@ from toros_fem.meshes.transfer import make_transfer
 from toros_fem.meshes.triangles import normals
 from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.result import SkinDesign
-from toros_fem.results.frames import Frame, ShownSkin
-from toros_fem.results.record import repeated, write_series
+from toros_fem.results.runs.frames import Frame, ShownSkin
+from toros_fem.results.runs.record import repeated, write_series
 
 if TYPE_CHECKING:
     from toros_fem.products.gripper.gripper import GripperScene

@@ -38,9 +38,9 @@ from toros_fem.products.tiles.problem import TileCase, TileDesignScene, measure_
 from toros_fem.products.tiles.report import TileRun, write_tile_results
 from toros_fem.products.tiles.search import design_tile
 from toros_fem.products.tiles.stiffness_profile import Contrast, ProfileObjective, ProfileTarget
-from toros_fem.results.open_run import journal_of
 from toros_fem.results.reporter import DesignReporter, print_step
 from toros_fem.results.result import RunResult
+from toros_fem.results.runs.open_run import journal_of
 
 # Symmetry of the design for each target.
 SYMMETRIES = {

@@ -21,8 +21,8 @@ from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.simulated import ToleranceResult, Variant, simulated_tolerances
-from toros_fem.results.frames import FOLDER, read_frames, read_skin
-from toros_fem.results.stored_run import SUMMARY, Summary, summary_of
+from toros_fem.results.runs.frames import FOLDER, read_frames, read_skin
+from toros_fem.results.runs.stored_run import SUMMARY, Summary, summary_of
 
 FILES = ("tolerance.json", "tolerance.csv", "tolerance.png")
 LESS = "#7FA6C9"

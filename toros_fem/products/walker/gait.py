@@ -22,9 +22,9 @@ from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.products.actuators.legs import tip_positions
-from toros_fem.results.frames import ShownSkin
-from toros_fem.results.record import write_path
-from toros_fem.results.stored_run import notes_at
+from toros_fem.results.runs.frames import ShownSkin
+from toros_fem.results.runs.record import write_path
+from toros_fem.results.runs.stored_run import notes_at
 
 # The ground lies so far below the lowest point of the start, over the distance of contact.
 CLEARANCE = 0.5

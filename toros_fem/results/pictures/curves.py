@@ -15,7 +15,7 @@ from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import axis_label, formatted, unit_of
 from toros_fem.results.pictures import style
 from toros_fem.results.pictures.style import Word, write_words
-from toros_fem.results.stored_run import BEYOND, StoredCurve
+from toros_fem.results.runs.stored_run import BEYOND, StoredCurve
 
 PRESSURE = "pressure (kPa)"
 UNTESTED = (0, (3, 2))

@@ -18,7 +18,6 @@ from toros_fem.making.print.printability import PRINT as PRINT_FILE
 from toros_fem.making.print.printability import printability, read_print_polygons
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.measures.miss import is_of_shape
-from toros_fem.results.frames import FOLDER, Frame, read_frames, read_skin
 from toros_fem.results.pictures.curves import draw_curve, draw_history
 from toros_fem.results.pictures.flat import draw_density, draw_panels, draw_pattern
 from toros_fem.results.pictures.raster import MARGIN, DrawnSurface, View, render, window_of
@@ -39,7 +38,8 @@ from toros_fem.results.pictures.style import (
     page,
     write_words,
 )
-from toros_fem.results.stored_run import Run, read_run
+from toros_fem.results.runs.frames import FOLDER, Frame, read_frames, read_skin
+from toros_fem.results.runs.stored_run import Run, read_run
 
 # States by their names, each with what is drawn of it.
 Scenes = Sequence[tuple[str, Sequence[DrawnSurface]]]

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.meshes.triangles import equilateral_edge
-from toros_fem.results.frames import ShownSkin
 from toros_fem.results.pictures.raster import (
     DrawnSurface,
     Image,
@@ -38,6 +37,7 @@ from toros_fem.results.pictures.style import (
     note,
     scale_bar,
 )
+from toros_fem.results.runs.frames import ShownSkin
 
 # Lines on a skin: fractions of the width of its largest panel.
 LINES = (0.25, 0.5, 0.75)

@@ -25,10 +25,10 @@ from toros_fem.making.panels.panel_drawing import region_data
 from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.surfaces.flatten import triangle_stretches
-from toros_fem.results.frames import Frame, ShownSkin
 from toros_fem.results.report import tables
 from toros_fem.results.report.tables import as_shown
-from toros_fem.results.stored_run import FILES, Run, Summary, read_run, summary_of
+from toros_fem.results.runs.frames import Frame, ShownSkin
+from toros_fem.results.runs.stored_run import FILES, Run, Summary, read_run, summary_of
 
 NAME = "report.html"
 # Positions of all frames together take at most so many bytes before they are compressed.

@@ -29,7 +29,8 @@ from toros_fem.base.files import (
 )
 from toros_fem.making.sheets.manifest import FORMAT, NAME
 from toros_fem.making.sheets.write import write_manufacture
-from toros_fem.results.open_run import (
+from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.open_run import (
     FREE,
     FolderLock,
     open_run,
@@ -37,8 +38,7 @@ from toros_fem.results.open_run import (
     require_open,
     run_of,
 )
-from toros_fem.results.open_run import NAME as LOCK
-from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.open_run import NAME as LOCK
 
 INPUTS = {"length": 0.1, "name": "tube"}
 SQUARE = square()

@@ -44,7 +44,7 @@ from toros_fem.base.program import program
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
 from toros_fem.design.loop.journal import KIND, Journal, JournalEntry
-from toros_fem.results.stored_run import (
+from toros_fem.results.runs.stored_run import (
     RECORD,
     SCENE,
     STATE,

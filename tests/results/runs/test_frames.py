@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from helpers.runs import bent, regions_of, tube
 
-from toros_fem.results.frames import (
+from toros_fem.results.runs.frames import (
     MOST,
     Frame,
     ShownSkin,

@@ -19,7 +19,7 @@ from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.results.frames import (
+from toros_fem.results.runs.frames import (
     FOLDER,
     Frame,
     ShownSkin,

@@ -19,7 +19,7 @@ from toros_fem.base.errors import FileError, OutputError
 from toros_fem.base.files import read_bytes, read_json, reading
 from toros_fem.base.validation import is_number
 from toros_fem.measures.figures import NONE, Figure
-from toros_fem.results.frames import FOLDER, Frame, ShownSkin, read_frames, read_skin
+from toros_fem.results.runs.frames import FOLDER, Frame, ShownSkin, read_frames, read_skin
 
 # Folder of the state inside that of a run, its record, the text of the scene, and the figures;
 # folder of the machine files.

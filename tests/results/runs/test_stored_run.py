@@ -10,7 +10,7 @@ import pytest
 from helpers.scenes import ROOT
 
 from toros_fem.base.files import replace_file
-from toros_fem.results.stored_run import FILES
+from toros_fem.results.runs.stored_run import FILES
 
 # Commands that write no run.
 OTHERS = {"export", "fit", "unwrap"}

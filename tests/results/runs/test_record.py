@@ -17,9 +17,9 @@ from toros_fem.measures.miss import compared_axes, is_aligned
 from toros_fem.measures.shape import Nodes, ShapeObjective, SumObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin, bend, cylinder, mirrored, sew
-from toros_fem.results.frames import read_frames, read_skin
-from toros_fem.results.record import repeated
 from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.frames import read_frames, read_skin
+from toros_fem.results.runs.record import repeated
 
 
 def test_steps_are_on_disk_with_their_shape(

@@ -9,10 +9,10 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.measures.figures import Figure
-from toros_fem.results.open_run import open_run
 from toros_fem.results.pictures.curves import last_tested
 from toros_fem.results.result import RunResult, write_summary
-from toros_fem.results.stored_run import StoredCurve, known_use, notes_at, warnings_of
+from toros_fem.results.runs.open_run import open_run
+from toros_fem.results.runs.stored_run import StoredCurve, known_use, notes_at, warnings_of
 
 
 class Told(RunResult):

@@ -1,0 +1,1 @@
+"""Runs on disk: folders, frames, and how a run goes on."""
