@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.measures.cross_sections import COUNTS, CrossSections, Rod, rod_of
 from toros_fem.measures.figures import DEFAULT, TOLERANCE, Tolerances, largest_part
-from toros_fem.measures.metrics import Metric, MetricFunction
+from toros_fem.measures.metrics import MetricFunction
 from toros_fem.measures.miss import compared_axes, is_aligned, miss_of, placed_on, shape_figures
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.meshes.mirror import mirrored
@@ -116,15 +116,6 @@ class Aim(NamedTuple):
     scale: float
 
 
-def aims_of(metrics: Sequence[Metric]) -> dict[str, Aim]:
-    """Return the aims of all metrics that have a target, by key."""
-    return {
-        m.key: Aim(m.target, m.scale or abs(m.target) or 1.0)
-        for m in metrics
-        if m.target is not None
-    }
-
-
 @dataclass(frozen=True, eq=False)
 class Residuals:
     """The vector r of a shape, by whose derivatives lines are changed.
@@ -202,4 +193,9 @@ def residuals_of(case: Case) -> Residuals:
     weights = np.zeros(3) if part is None else part.position_weights.sum(axis=0)
     compared = weights >= COUNTS
     labels = part.labels if part is not None and compared.any() else None
-    return Residuals(case, aims_of(case.judged), labels, compared)
+    aims = {
+        m.key: Aim(m.target, m.scale or abs(m.target) or 1.0)
+        for m in case.judged
+        if m.target is not None
+    }
+    return Residuals(case, aims, labels, compared)

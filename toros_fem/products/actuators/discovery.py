@@ -267,7 +267,9 @@ class _Search:
         laid = laid or [one for one in rounds if one.mended is None]
         if not laid:
             return None
-        near = [k for k, one in enumerate(laid) if _near(one)]
+        near = [
+            k for k, one in enumerate(laid) if one.of_metrics < NEAR and one.of_shape < NEAR_SHAPE
+        ]
         # Once lines are near, all later ones are like them: only these tell what one more asks for.
         begin, like = (near[0], laid[near[0]].laid) if near else (0, None)
         scene, comm = self.job.scene, self.job.comm
@@ -484,11 +486,6 @@ def _widths_suffice(like: LaidLines, field: LineField, printed: Bools | None) ->
     before = np.array([family.share for family in like.families])
     room = np.sqrt(like.options.spread)
     return bool(((now <= room * before) & (before <= room * now)).all())
-
-
-def _near(one: Round) -> bool:
-    """Return whether the lines of a round may stay where they are."""
-    return one.of_metrics < NEAR and one.of_shape < NEAR_SHAPE
 
 
 def _report(
