@@ -167,8 +167,8 @@ class Pattern:
             raise PatternError(
                 f"pressure needs a closed skin, but {len(self.free_edges)} edges are free, the "
                 f"first between vertices {a} and {b} at {self.points[a]} and {self.points[b]} m. "
-                "Sew them to a neighbour, add a cap, let a symmetry plane close a border that "
-                "lies in it (symmetry_plane), or set the pressure to 0."
+                "Sew them to a neighbour, add a cap, hold the whole border, let a symmetry_plane "
+                "close it, or set the pressure to 0."
             )
 
     def require_flat_panels(self, purpose: str) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from math import isfinite
 from typing import Annotated
 
-from toros_fem.base.keys import In, Number, OneOf, Stretch, Table, key
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Flag, In, Number, OneOf, Stretch, Table, Text, key
 
 # Branches of the load cycles of a test, and losses of residuals with scipy's names.
 BRANCHES = ("last-loading", "first-loading", "last-unloading", "all")
@@ -58,3 +61,48 @@ class ToleranceConfig(Table):
     pressure_change: Annotated[float, In(above=0, at_most=0.9)] | None = key(
         0.05, "fraction by which the pressure is off; none leaves it out"
     )
+
+
+class ForceOptions(Table):
+    """Which forces of a design are told; SI units."""
+
+    panel: Text = key("tip", "panel whose force is told, the free end of the skin")
+    turns: Annotated[str, OneOf(("held", "free"))] = key(
+        "held", "whether the panel is held in its turns too where it is blocked, or may turn"
+    )
+    pressure: Annotated[float, In("Pa", above=0)] | None = key(
+        None, "largest pressure; none takes that of the design"
+    )
+    steps: Annotated[int, In(at_least=2, at_most=50)] = key(
+        5, "number of pressures, and of places at which the panel is held besides that at rest"
+    )
+    direction: Text | None = key(
+        None,
+        'direction of the force that is told, "0 0 1" for instance; none takes the way of the free '
+        "panel",
+    )
+    point: Text | None = key(
+        None,
+        'assembled point that the torque is about, in m, "0 0 0.15" for instance; it moves with '
+        "the panel; none takes the centre of the panel's area",
+    )
+    estimate_error: Flag = key(True, "tell intervals, from a coarser mesh of the same print")
+
+    def __post_init__(self) -> None:
+        for name in ("direction", "point"):
+            self.vector(name)
+
+    def vector(self, name: str) -> tuple[float, ...] | None:
+        """Return the three numbers of `direction` or `point`; None where there are none.
+
+        Raises:
+            ParameterError: They are not three finite numbers.
+        """
+        words: str | None = getattr(self, name)
+        if words is None:
+            return None
+        with suppress(ValueError):
+            numbers = tuple(float(word) for word in words.split())
+            if len(numbers) == 3 and all(map(isfinite, numbers)):
+                return numbers
+        raise ParameterError(f'{name} = "{words}" must be three numbers, as "0 0 1".', name)

@@ -11,7 +11,7 @@ from helpers.standing import solver_on_base
 from mpi4py import MPI
 from scipy.optimize import brentq
 
-from benchmarks.accuracy.snapping import Scene, roof
+from benchmarks.accuracy.snapping import Scene, roof, unbounded_tube
 from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.settings import Contact, Ground
@@ -158,6 +158,66 @@ def test_all_loads_are_scaled_by_one_factor(short_tube: Skin) -> None:
     )
     assert back[-1].load_factor == 0.3
     assert back[-1].positions == pytest.approx(points[0].positions, abs=1e-7 * pattern.size)
+
+
+def test_a_load_that_stays(pyramid: Scene) -> None:
+    """A weight on the apex, while another grows: their sum follows the closed form."""
+    assert pyramid.force is not None
+    stays = 5.0
+    path = trace(
+        pyramid.solver, pyramid.density, Load(force=pyramid.force), by="arc-length",
+        options=ArcLengthOptions(
+            first=0.5, first_increment=2.0, largest_increment=4.0, lowest=None, highest=None,
+            max_points=30,
+        ),
+        held=Load(force=stays * pyramid.force),
+    )  # fmt: skip
+    points = list(path)
+    apex = int(np.argmax(pyramid.pattern.points[:, 2]))
+    heights = np.array([point.positions[apex, 2] for point in points])
+    factors = np.array([point.load_factor for point in points])
+    assert np.ptp(heights) > HEIGHT
+    assert factors + stays == pytest.approx(pyramid_force(heights), rel=1e-7, abs=1e-7)
+    last = points[-1].result.load.force
+    assert last == pytest.approx((stays + factors[-1]) * pyramid.force)
+
+
+def test_volumes_lead_past_the_largest_pressure(alone: MPI.Comm) -> None:
+    """Of a tube that bulges: volume by volume the pressures are those of the path by arc length."""
+    scene = unbounded_tube(8)
+    by_arc = followed(scene, first=1.0, first_increment=1.0, lowest=None, highest=None,
+                      largest_increment=5.0, max_points=60)  # fmt: skip
+    pressures = np.array([point.result.pressure for point in by_arc])
+    volumes = np.array([point.result.volume for point in by_arc])
+    peak = int(np.argmax(pressures))
+    assert 3 < peak < len(by_arc) - 6, "the pressure falls"
+    chosen = [peak - 3, peak + 2, peak + 4, peak + 6]
+    assert not by_arc[chosen[1]].stable
+    start = scene.solver.solve(scene.density, pressures[0])
+    path = trace(scene.solver, scene.density, [*volumes[chosen]], by="volume", start=start)
+    for number, point in zip(chosen, path, strict=True):
+        assert point.result.volume == pytest.approx(volumes[number], rel=1e-8)
+        assert point.result.pressure == pytest.approx(pressures[number], rel=1e-5)
+        assert point.result.converged == by_arc[number].stable, "at a held pressure"
+        assert point.negative_eigenvalues == max(by_arc[number].negative_eigenvalues - 1, 0)
+
+
+def test_a_path_by_volume_begins_under_pressure(short_tube: Skin) -> None:
+    solver = solver_on_base(short_tube)
+    density = np.full(len(short_tube.owned_cells), 0.3)
+    rest = solver.solve(density, 1e3)
+    with pytest.raises(ParameterError, match="needs start=solver.solve"):
+        next(trace(solver, density, [2e-5], by="volume"))
+    with pytest.raises(ParameterError, match="volume 1 = -1"):
+        next(trace(solver, density, [-1.0], by="volume", start=rest))
+    with pytest.raises(ParameterError, match="held belongs to a path"):
+        next(trace(solver, density, [1e3], held=Load(1.0)))
+    # The remedy, from a start with other loads, which stay.
+    force = np.asarray(np.outer(short_tube.pattern.vertex_areas, [30.0, 0.0, 0.0]))
+    loaded = solver.solve(density, Load(1e3, force=force))
+    (point,) = trace(solver, density, [1.05 * loaded.volume], by="volume", start=loaded)
+    again = solver.solve(density, Load(point.result.pressure, force=force), loaded)
+    assert again.volume == pytest.approx(1.05 * loaded.volume, rel=1e-6)
 
 
 def test_a_path_ends_where_it_is_told(pyramid: Scene) -> None:

@@ -229,8 +229,14 @@ class SkinModel:
         return self.variation(state) * self.free
 
     def reaction(self, state: Floats) -> Floats:
-        """Return the force in N by which the supports pull at the skin, zero at free components."""
-        return self.variation(state) * ~self.free
+        """Return the force in N by which the supports pull at the skin, zero at free components.
+
+        What closes a free border is no part of the skin: the pressure on it is none of the force.
+        """
+        force = self.variation(state)
+        if self.pressure is not None:
+            self.positions(force)[:] -= self.pressure.beyond_skin(state)
+        return force * ~self.free
 
     def largest_step(
         self, state: Floats, step: Floats, fraction: float, carried: Floats | None = None

@@ -1,4 +1,4 @@
-"""Equilibria along a path of loads times a load factor, through limit points: Riks' method."""
+"""Equilibria through limit points: along a path by arc length (Riks' method), and by volume."""
 
 from __future__ import annotations
 
@@ -32,6 +32,9 @@ LEAST_STEP = 1e-5
 # of two neighbouring points. Beyond, the point may lie on another path.
 FAR = 0.5
 TURN = 0.7
+# By volume: largest predicted movement of a vertex over the skin's size, and error of a volume.
+FAR_BY_VOLUME = 0.05
+SAME_VOLUME = 1e-9
 
 
 class ArcLengthOptions(Table):
@@ -105,13 +108,15 @@ def follow_arc(
     metrics: Sequence[Metric],
     start: Floats | None,
     options: ArcLengthOptions,
+    held: Load | None = None,
 ) -> Iterator[TracePoint]:
     """Yield equilibria along a path of loads times a load factor, as of `trace` (collective).
 
-    A displacement of supports stays as it is.
+    What is held stays as it is, and so does a displacement of supports.
     """
-    first = solver.solve(density, times(options.first, load), start)
-    path = _ArcLength(solver, density.copy(), load, options, first)
+    begin = options.first
+    first = solver.solve(density, with_held(load, begin, held), start)
+    path = _ArcLength(solver, density.copy(), load, options, first, begin, held)
     while True:
         yield replace(
             measured_point(solver, path.result(), metrics),
@@ -125,9 +130,46 @@ def follow_arc(
         path.advance()
 
 
-def times(factor: float, load: Load) -> Load:
-    """Return a load with pressures, forces and weights multiplied; supports and bodies stay."""
-    return replace(load.scaled(factor), displacement=load.displacement, poses=load.poses)
+def follow_volumes(
+    solver: EquilibriumSolver,
+    density: Floats,
+    volumes: Sequence[float],
+    metrics: Sequence[Metric],
+    start: Equilibrium,
+) -> Iterator[TracePoint]:
+    """Yield equilibria with given volumes in m³, whose pressure follows (collective).
+
+    All pressures of the start are scaled by one load factor; forces and weight stay.
+    """
+    pressures = Load(start.load.pressures)
+    rest = replace(start.load, pressure=0.0 * start.load.pressures)
+    volumes_from = ArcLengthOptions(first=1.0, lowest=None, highest=None, max_points=None)
+    path = _ArcLength(solver, density.copy(), pressures, volumes_from, start, 1.0, rest)
+    for volume in volumes:
+        path.inflate_to(volume)
+        # Held volumes take one direction from the skin, in which its energy may fall.
+        unstable = path.point.negative - (path.volume_rate() < 0)
+        yield replace(
+            measured_point(solver, path.result(), metrics),
+            load_factor=path.point.factor,
+            negative_eigenvalues=unstable,
+        )
+
+
+def with_held(load: Load, factor: float, held: Load | None) -> Load:
+    """Return a load times a factor with what is held; supports and bodies stay where they are."""
+    scaled = replace(load.scaled(factor), displacement=load.displacement, poses=load.poses)
+    if held is None:
+        return scaled
+    force = [np.asarray(one.force) for one in (scaled, held) if one.force is not None]
+    return replace(
+        scaled,
+        pressure=scaled.pressures + held.pressures,
+        force=np.sum(force, axis=0) if force else None,
+        weight_fraction=scaled.weight + held.weight,
+        displacement=load.displacement if held.displacement is None else held.displacement,
+        poses=load.poses if held.poses is None else held.poses,
+    )
 
 
 class _ArcLength:
@@ -152,21 +194,23 @@ class _ArcLength:
         load: Load,
         options: ArcLengthOptions,
         first: Equilibrium,
+        begin: float,
+        held: Load | None,
     ) -> None:
         self._solver, self._model, self._options = solver, solver.model, options
-        self._density, self._load = density, load
+        self._density, self._load, self._held = density, load, held
         self._comm, self._size = solver.skin.comm, solver.skin.pattern.size
         self._tangent = UpperTangent(self._model)
         self._make_factors()
         self._factorisations = self._counted = 0
         # Residuals are measured by the largest load so far: it may pass through zero.
-        self._peak = max(abs(options.first), abs(options.first_increment))
+        self._peak = max(abs(begin), abs(options.first_increment))
         self.length, self._points, self.ended = 0.0, 1, False
         self._act()
-        point = self._corrected(_Point(first.state, options.first), None)
+        point = self._corrected(_Point(first.state, begin), None)
         if isinstance(point, str):
             raise EquilibriumError(
-                f"the path has no first point at load factor {options.first:g}: {point}",
+                f"the path has no first point at load factor {begin:g}: {point}",
                 replace(first, converged=False),
             )
         self.point = point
@@ -184,7 +228,7 @@ class _ArcLength:
         """Return the last point as the result of a solve (collective)."""
         self._act()
         model, point = self._model, self.point
-        load = times(point.factor, self._load)
+        load = with_held(self._load, point.factor, self._held)
         model.set_load(load)
         point.state.setflags(write=False)
         kind = "A stable" if not point.negative else "An unstable"
@@ -279,18 +323,57 @@ class _ArcLength:
         size = float(np.copysign(self._product(unit, unit) ** 0.5, self._product(unit, before)))
         return _Point(np.asarray(unit.state / size), 1.0 / size)
 
-    def _corrected(self, predicted: _Point, across: _Point | None) -> _Equilibrium | str:
+    def inflate_to(self, volume: float) -> None:
+        """Find the point with a volume in m³, over points between where needed (collective)."""
+        self._act()
+        begin = self._volume(self.point.state)
+        reached, share = 0.0, 1.0
+        while reached < 1:
+            share = min(share, 1 - reached)
+            wanted = begin + (reached + share) * (volume - begin)
+            rise = wanted - self._volume(self.point.state)
+            predicted = self.point.plus(self.point.response, rise / self.volume_rate())
+            moved = predicted.minus(self.point).state
+            farthest = largest(self._comm, float(np.abs(self._model.positions(moved)).max()))
+            step = min(1.0, FAR_BY_VOLUME * self._size / farthest)
+            step *= self._allowed(self.point.state, step * moved)
+            point = self._corrected(
+                self.point.plus(predicted.minus(self.point), step), None, volume=wanted
+            )
+            if not isinstance(point, str):
+                self.point, reached, share = point, reached + share, 2 * share
+                self._peak = max(self._peak, abs(point.factor))
+                continue
+            share /= 2
+            if share < LEAST_STEP:
+                raise EquilibriumError(
+                    f"the path by volume ends at {self._volume(self.point.state):.6g} m³: {point} "
+                    "Mesh the skin finer where it folds.",
+                    replace(self.result(), converged=False),
+                )
+
+    def volume_rate(self) -> float:
+        """Return the change of the volume in m³ by the load factor at the last point."""
+        gradient = self._model.volume_gradient(self.point.state)
+        return dot(self._comm, gradient, self.point.response.state)
+
+    def _volume(self, state: Floats) -> float:
+        return float(self._model.volumes(state).sum())
+
+    def _corrected(
+        self, predicted: _Point, across: _Point | None, *, volume: float | None = None
+    ) -> _Equilibrium | str:
         """Return the equilibrium in the plane through a prediction, across a direction.
 
-        Without a direction the load factor is kept. Where Newton's method does not converge it is
-        said why.
+        Without a direction the load factor is kept, or the volume in m³ is as given. Where Newton's
+        method does not converge it is said why.
         """
         model, comm = self._model, self._comm
         at, before, moved = predicted, np.inf, np.inf
         for steps in range(MAX_STEPS + 1):
-            model.set_load(times(1.0, self._load))
+            model.set_load(self._load)
             force = model.applied_load(at.state)
-            model.set_load(times(at.factor, self._load))
+            model.set_load(with_held(self._load, at.factor, self._held))
             residual = model.residual(at.state)
             size = norm(comm, residual)
             share = size / max(self._peak * norm(comm, force), np.finfo(float).tiny)
@@ -300,12 +383,18 @@ class _ArcLength:
             response = _Point(self._factors.solve(force) * model.free, 1.0)
             stuck = size > STUCK * before
             negligible = share <= STAGNATED or (share <= UNRESOLVED and moved <= RESOLVED)
-            if share <= self._solver.options.tolerance or (stuck and negligible):
+            lacks = 0.0 if volume is None else volume - self._volume(at.state)
+            filled = volume is None or abs(lacks) <= SAME_VOLUME * abs(volume)
+            if filled and (share <= self._solver.options.tolerance or (stuck and negligible)):
                 return _Equilibrium(at.state, at.factor, negative, share, response, steps)
             change = _Point(-self._factors.solve(residual) * model.free, 0.0)
             if across is not None:
                 gap = self._product(across, at.plus(change).minus(predicted))
                 change = change.plus(response, -gap / self._product(across, response))
+            if volume is not None:
+                gradient = model.volume_gradient(at.state)
+                left = lacks - dot(comm, gradient, change.state)
+                change = change.plus(response, left / dot(comm, gradient, response.state))
             if not np.isfinite(norm(comm, change.state)):
                 break
             at = at.plus(change, self._allowed(at.state, change.state))

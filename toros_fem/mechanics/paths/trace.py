@@ -1,4 +1,4 @@
-"""Paths of equilibria, by pressure or by arc length."""
+"""Paths of equilibria, by pressure, by arc length or by volume."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import norm
-from toros_fem.base.validation import require_callable, require_choice, require_kind, shown
+from toros_fem.base.validation import (
+    checked_floats,
+    require_callable,
+    require_choice,
+    require_kind,
+    require_positive,
+    shown,
+)
 from toros_fem.measures.metrics import Metric, check_metrics
 from toros_fem.mechanics.equilibrium.continuation import (
     Attempt,
@@ -21,11 +28,11 @@ from toros_fem.mechanics.equilibrium.continuation import (
 )
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.arc_length import ArcLengthOptions, follow_arc
+from toros_fem.mechanics.paths.arc_length import ArcLengthOptions, follow_arc, follow_volumes
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 
-PATHS = ("pressure", "arc-length")
+PATHS = ("pressure", "arc-length", "volume")
 Start = Floats | Equilibrium | None
 Stop = Callable[[TracePoint], bool] | None
 
@@ -42,7 +49,8 @@ def trace(
     metrics: Sequence[Metric] = (),
     start: Start = None,
     *,
-    by: Literal["pressure", "arc-length"] = "pressure",
+    by: Literal["pressure", "arc-length", "volume"] = "pressure",
+    held: Load | None = None,
     stop: Stop = None,
     options: ArcLengthOptions | None = None,
 ) -> Iterator[TracePoint]:
@@ -53,18 +61,25 @@ def trace(
     fails, in smaller increments of the load. Only the first may start from the assembled skin, if
     no start is given.
 
-    By arc length, one load factor scales pressures, dead forces and weight. The path goes on
-    through limit points, where the load factor turns, and along unstable equilibria.
+    By arc length, one load factor scales pressures, dead forces and weight, and what is held stays
+    beside them. The path goes on through limit points, where the load factor turns, and along
+    unstable equilibria.
+
+    By volume, the skin encloses one volume after the other, as a syringe prescribes it: the
+    pressures of the start are scaled together, and may fall. A point is stable if the energy has a
+    minimum at its volume; its `result.converged` says whether it has one at its pressure.
 
     Args:
         solver, density: As of `EquilibriumSolver.solve`.
         loads: By pressure, all loads in the order in which they act; numbers are pressures in Pa,
-            which leave the rest of the load before. By arc length, the load at load factor 1.
+            which leave the rest of the load before. By arc length, the load at load factor 1. By
+            volume, volumes in m³.
         metrics: Metrics to compute at each point.
         start: As for `EquilibriumSolver.solve`, for the first point; None starts from the assembled
             skin. By pressure, from an equilibrium the first one is reached as each from the one
-            before.
-        by: "pressure" or "arc-length".
+            before. By volume it is an equilibrium under pressure.
+        by: "pressure", "arc-length" or "volume".
+        held: By arc length, a load that stays while the other is scaled; None holds none.
         stop: Called with each point, on every rank, with equal results; the path ends with the
             point for which it returns True. None follows the path to its end.
         options: Ends and density of a path by arc length; None takes the defaults.
@@ -81,14 +96,22 @@ def trace(
     require_kind("options", options, (ArcLengthOptions, type(None)), "ArcLengthOptions, or None")
     if stop is not None:
         require_callable("stop", stop, "a function of a TracePoint, or None")
+    if by != "arc-length":
+        for name, value in (("options", options), ("held", held)):
+            if value is not None:
+                raise ParameterError(f'{name} belongs to a path by="arc-length"; leave it out.')
     if by == "pressure":
-        if options is not None:
-            raise ParameterError('options are those of a path by="arc-length"; leave them out.')
         path = follow_pressures(solver, density, _levels(solver, loads), metrics, start)
+    elif by == "volume":
+        density = solver.model.design.check(density)
+        volumes, begin = _volumes(loads), _under_pressure(solver, start)
+        path = follow_volumes(solver, density, volumes, metrics, begin)
     else:
         load, density = _scaled_load(solver, loads), solver.model.design.check(density)
         state = start.state if isinstance(start, Equilibrium) else start
-        path = follow_arc(solver, density, load, metrics, state, options or ArcLengthOptions())
+        stays = None if held is None else load_of(held).on(solver.model)
+        options = options or ArcLengthOptions()
+        path = follow_arc(solver, density, load, metrics, state, options, stays)
     return _until(path, stop)
 
 
@@ -104,6 +127,30 @@ def _levels(solver: EquilibriumSolver, loads: Any) -> Sequence[Load | Pressure]:
     for level in levels:
         load_of(level).on(solver.model)
     return levels
+
+
+def _volumes(volumes: Any) -> list[float]:
+    """Return the volumes of a path by volume."""
+    one_each = "positive numbers in m³, in the order in which they are taken"
+    found = checked_floats("loads", volumes, one_each, lambda shape: len(shape) == 1)
+    values = [*map(float, found)]
+    for number, value in enumerate(values, 1):
+        require_positive(**{f"volume {number}": value})
+    return values
+
+
+def _under_pressure(solver: EquilibriumSolver, start: Start) -> Equilibrium:
+    """Return the start of a path by volume, checked to be an equilibrium that pressure fills."""
+    if solver.model.slides:
+        raise ParameterError(
+            'friction depends on the path that the load takes: follow it by="pressure".'
+        )
+    if not isinstance(start, Equilibrium) or not start.pressure > 0:
+        raise ParameterError(
+            'a path by="volume" needs start=solver.solve(density, pressure), an equilibrium under '
+            "pressure: its pressures are scaled until the skin encloses the volumes."
+        )
+    return start
 
 
 def _scaled_load(solver: EquilibriumSolver, load: Any) -> Load:

@@ -159,8 +159,8 @@ class Fan:
 
 
 def find_lids(pattern: Pattern, chambers: Chambers | None, planes: Planes) -> list[Fan]:
-    """Return the lids of all chambers, about the foot of the origin in their planes."""
-    lids = []
+    """Return the lids of all chambers: about the foot of the origin in planes, or a rim's mean."""
+    lids = _rim_lids(pattern, chambers, planes)
     for axis, at, border in planes.lids():
         ends = half_edges(pattern.triangles)[border]
         owner = 0 * border if chambers is None else chambers.of_cell[border // 3]
@@ -169,6 +169,32 @@ def find_lids(pattern: Pattern, chambers: Chambers | None, planes: Planes) -> li
             vertices, edges = np.unique(ends[owner == chamber], return_inverse=True)
             unweighted, sides = np.zeros(len(vertices)), (int(chamber), -1)
             lids.append(Fan(vertices, edges.reshape(-1, 2), sides, foot, unweighted, np.zeros(3)))
+    return lids
+
+
+def _rim_lids(pattern: Pattern, chambers: Chambers | None, planes: Planes) -> list[Fan]:
+    border = planes.rims()
+    begins, ends = half_edges(pattern.triangles)[border].T
+    of_edge = 0 * border if chambers is None else chambers.of_cell[border // 3]
+    owner = dict(zip(map(int, begins), map(int, of_edge), strict=True))
+    following = {int(a): [int(b)] for a, b in zip(begins, ends, strict=True)}
+    stops = np.zeros(len(pattern.points), dtype=bool)
+    stops[np.setxor1d(begins, ends)] = True
+    in_plane = planes.through_origin()
+    lids = []
+    for path in _paths(following, stops):
+        met = sorted({owner[vertex] for vertex in path if vertex in owner})
+        if len(met) > 1:
+            assert chambers is not None
+            raise ParameterError(
+                f"one rim borders the chambers {' and '.join(chambers.names[k] for k in met)}: "
+                "what closes each is not unique. Let a rim belong to one chamber, or add a cap."
+            )
+        sides = met[0], -1
+        if path[0] == path[-1]:
+            lids.append(_closed_wall(path, sides))
+        else:
+            lids.append(_cut_wall(path, sides, in_plane[[path[0], path[-1]]]))
     return lids
 
 

@@ -86,10 +86,10 @@ class Load:
             force = checked_floats("force", force, what, points).copy()
         if self.displacement is not None:
             supports = replace(supports, displacement=self.displacement)
-            if Planes(pattern, supports).close != planes.close:
+            if planes.close and planes.moved_out(Planes(pattern, supports)):
                 raise ParameterError(
-                    "the displacement moves a border out of its symmetry plane; move it in the "
-                    "plane only, or simulate the whole skin."
+                    "the displacement moves a border out of the plane that closes it; move it in "
+                    "the plane only, assemble it elsewhere, or simulate the whole skin."
                 )
         moved, gradient = supports.displacement, self.gradient
         require_finite(angle=self.angle)
@@ -201,7 +201,7 @@ def _require_outwards(pattern: Pattern, planes: Planes) -> None:
 
     Flat skins enclose nothing yet. Where a lid is to be counted its side is not known.
     """
-    if planes.lids():
+    if planes.lids() or len(planes.rims()):
         return
     a, b, c = np.moveaxis(pattern.points[pattern.triangles] - planes.origin, 1, 0)
     volume = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)

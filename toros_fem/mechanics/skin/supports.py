@@ -8,6 +8,7 @@ from itertools import permutations, product
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
@@ -25,8 +26,10 @@ from toros_fem.base.validation import (
 from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import OtherMesh
-from toros_fem.meshes.triangles import edge_keys, following, half_edges, opposite_edges
+from toros_fem.meshes.triangles import edge_keys, following, half_edges, linked, opposite_edges
 
+# Number of what closes a border in place of the axis of a plane.
+RIM = 3
 # Cosine between a guided edge and the normal of its plane.
 SQUARE = 1e-3
 
@@ -182,11 +185,7 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
         PanelError: A panel of that name does not exist.
     """
     fixed = _none_fixed(pattern)
-    checked_list("panels", panels, str, NAMES)
-    if not panels:
-        raise ParameterError("panels = () fixes nothing; name a panel to clamp.")
-    for name in panels:
-        fixed[pattern.vertices_of(name)] = True
+    fixed[vertices_of_panels(pattern, panels)] = True
     return Supports(fixed)
 
 
@@ -211,12 +210,76 @@ def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
 
 
 def displace(
-    pattern: Pattern, panels: Sequence[str], displacement: Sequence[float] | Floats
+    pattern: Pattern,
+    panels: Sequence[str],
+    displacement: Sequence[float] | Floats,
+    *,
+    turn: Sequence[float] | Floats = (0.0, 0.0, 0.0),
+    about: Sequence[float] | Floats | None = None,
+    components: str = "xyz",
 ) -> Supports:
-    """Clamp the named panels, moved by one vector (3,), in m, from their assembled positions."""
+    """Hold the named panels, moved as a rigid body from their assembled positions.
+
+    Args:
+        pattern, panels: The pattern, and names of panels.
+        displacement: Shift, (3,), in m.
+        turn: Rotation vector, (3,), in rad.
+        about: Point that they turn about, (3,), in m; None takes the centre of their area.
+        components: Components that are held, "z" or "xy" for instance; the others are free, vertex
+            by vertex. `solve_rigid` frees a panel as a whole.
+
+    Raises:
+        PanelError: A panel of that name does not exist.
+        ParameterError: There is no such component.
+    """
+    if not components or set(components) - set("xyz"):
+        raise ParameterError(
+            f'components = {components!r} must name axes, as "xyz" or "z", of which each is held.'
+        )
     fixed = clamp(pattern, panels).fixed
-    vector = checked_floats("displacement", displacement, "a finite vector (3,), in m", (3,))
-    return Supports(fixed, displacement=np.where(fixed, vector, 0.0))
+    moved = rigid_displacement(pattern, panels, displacement, turn, about)
+    fixed &= np.array([axis in components for axis in "xyz"])
+    return Supports(fixed, displacement=np.where(fixed, moved, 0.0))
+
+
+def rigid_displacement(
+    pattern: Pattern,
+    panels: Sequence[str],
+    shift: Sequence[float] | Floats,
+    turn: Sequence[float] | Floats = (0.0, 0.0, 0.0),
+    about: Sequence[float] | Floats | None = None,
+) -> Floats:
+    """Return the displacement in m of all vertices, (n, 3), by which panels move as a rigid body.
+
+    It is zero elsewhere: a `Load` takes it, where supports hold the panels. Arguments are those of
+    `displace`.
+    """
+    vertices = vertices_of_panels(pattern, panels)
+    vector = checked_floats("displacement", shift, "a finite vector (3,), in m", (3,))
+    angles = checked_floats("turn", turn, "a finite rotation vector (3,), in rad", (3,))
+    point = centre_of(pattern, panels, pattern.points)
+    if about is not None:
+        point = checked_floats("about", about, "a finite point (3,), in m", (3,))
+    arms = pattern.points[vertices] - point
+    moved: Floats = np.zeros((len(pattern.points), 3))
+    moved[vertices] = vector + Rotation.from_rotvec(angles).apply(arms) - arms
+    return moved
+
+
+def vertices_of_panels(pattern: Pattern, panels: Sequence[str]) -> Ints:
+    """Return the assembled vertices of panels, by their names, each once."""
+    require_kind("pattern", pattern, Pattern, "a Pattern")
+    checked_list("panels", panels, str, NAMES)
+    if not panels:
+        raise ParameterError("panels = () names no panel; name one at least.")
+    return np.unique(np.concatenate([pattern.vertices_of(name) for name in panels]))
+
+
+def centre_of(pattern: Pattern, panels: Sequence[str], positions: Floats) -> Floats:
+    """Return the centre of the area of panels, (3,), at positions of all vertices, (n, 3), in m."""
+    cells = np.concatenate([pattern.cells_of(name) for name in panels])
+    middles = positions[pattern.triangles[cells]].mean(axis=1)
+    return np.asarray(np.average(middles, axis=0, weights=pattern.areas[cells]))
 
 
 def pin(pattern: Pattern, panel: str | None = None) -> Supports:
@@ -309,11 +372,12 @@ def _inward_normals(pattern: Pattern, border: Ints) -> Floats:
 
 
 class Planes:
-    """Planes that close free borders: symmetry planes, and coordinate planes through the origin.
+    """What closes free borders: symmetry planes, coordinate planes through the origin, held rims.
 
-    A border is closed by a plane in which it is fixed. A cone from the origin over what is missing
-    in a plane through the origin has no volume. Where planes cut the skin on both sides, as z = 0
-    and z = L do, one of them does not contain the origin: there a lid must be counted.
+    A border is closed by a plane in which it is fixed. One that is fixed in all components and lies
+    in no such plane is a rim: the fan about its mean closes it. A cone from the origin over what is
+    missing in a plane through the origin has no volume. Where planes cut the skin on both sides, as
+    z = 0 and z = L do, one of them does not contain the origin: there a lid must be counted.
 
     Attributes:
         origin: Point from which cones are taken, (3,), in m: in one plane across each axis that
@@ -336,17 +400,45 @@ class Planes:
             # A sheet that lies in the plane as a whole encloses nothing with it.
             inside = held[ends].all(axis=1) & ~held.all()
             self._axis[inside], self._at[inside] = k, at
+        self._close_rims()
+
+    def _close_rims(self) -> None:
+        """Let borders that are fixed in all components, and in no plane as a whole, be rims."""
+        ends = self._pattern.free_edges
+        held: Bools = np.asarray(self._supports.fixed.all(axis=1))
+        in_symmetry = np.zeros(len(ends), dtype=bool)
+        for k, at in self._supports.planes:
+            in_symmetry |= self._held(k, at)[ends].all(axis=1)
+        others = np.flatnonzero(~in_symmetry)
+        if held.all() or not len(others) or (self._axis >= 0).all():
+            return
+        begin, end = ends[others].T
+        border = linked(begin, end, len(held))[begin]
+        for one in np.unique(border[self._axis[others] < 0]):
+            edges = others[border == one]
+            if held[ends[edges]].all():
+                self._axis[edges] = RIM
 
     @property
     def close(self) -> bool:
-        """Whether a pressure can act: the skin is closed, or planes close it."""
+        """Whether a pressure can act: the skin is closed, or planes and rims close it."""
         return bool((self._axis >= 0).all())
+
+    def moved_out(self, moved: Planes) -> bool:
+        """Return whether a border has left the plane that closes it, where supports have moved."""
+        return bool(((self._axis < RIM) & (moved._axis != self._axis)).any())
+
+    def rims(self) -> Ints:
+        """Return the free half-edges at rims, (k,)."""
+        half = self._pattern.edges.twins[self._pattern.edges.border, 0]
+        return np.asarray(half[self._axis == RIM])
 
     def lids(self) -> list[tuple[int, float, Ints]]:
         """Return axis and coordinate in m of each lid, and the free half-edges around it, (k,)."""
         pattern, axis, position = self._pattern, self._axis, self._at
         half = pattern.edges.twins[pattern.edges.border, 0]
-        off = (axis >= 0) & (position != self.origin[axis])
+        in_plane = (axis >= 0) & (axis < RIM)
+        off = in_plane & (position != self.origin[np.where(in_plane, axis, 0)])
         borders = np.full(len(pattern.points), -1)
         found = []
         for k, at in sorted(set(zip(axis[off].tolist(), position[off].tolist(), strict=True))):

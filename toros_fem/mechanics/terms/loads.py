@@ -20,6 +20,7 @@ from toros_fem.mechanics.skin.patch_space import Patch, positions
 from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.mechanics.terms.term import Compiled, PotentialTerm, Term
 from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.triangles import half_edges
 
 GRAVITY = 9.81  # m/s²
 
@@ -176,6 +177,29 @@ class Pressure(PotentialTerm):
             pairs.append(np.stack([number[rows], number[columns]]))
         self.pairs = np.concatenate(pairs, axis=1)
 
+    def beyond_skin(self, x: Floats) -> Floats:
+        """Return the part of the first variation in N that is no pressure on the skin, (n, 3).
+
+        A pressure P gives each corner of a triangle a third of its force. The derivatives of the
+        cones of eq. (7) do so inside the skin, and lack P a × b/6 at both ends of a free edge from
+        a to b; lids have a part at their vertices (collective).
+        """
+        pattern, out = self._skin.pattern, np.zeros_like(positions(self._skin, x))
+        border = pattern.edges.twins[pattern.edges.border, 0]
+        if not len(border) or not self.values.any():
+            return out
+        places = self._skin.gather_vertices(positions(self._skin, x)) - self._origin
+        ends = half_edges(pattern.triangles)[border]
+        acting: Any = self.values[0]
+        if self.chambers is not None:
+            acting = self.values[self.chambers.of_cell[border // 3], None]
+        at_border = np.zeros_like(places)
+        turned = acting * np.cross(*places[ends].transpose(1, 0, 2)) / 6
+        np.add.at(at_border, ends[:, 0], turned)
+        np.add.at(at_border, ends[:, 1], turned)
+        lids = [wall for wall in self._walls if wall.sides[1] < 0]
+        return out + at_border[self._skin.owned_vertices] - self._gradient_of(lids, x, self.values)
+
     @override
     def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
         super().take_forms(number, compiled, work)
@@ -240,11 +264,15 @@ class Pressure(PotentialTerm):
 
     def _wall_gradient(self, x: Floats, weights: Floats) -> Floats:
         """Return it at the owned nodes, (n, 3)."""
+        return self._gradient_of(self._walls, x, weights)
+
+    def _gradient_of(self, walls: list[Fan], x: Floats, weights: Floats) -> Floats:
         out = np.zeros_like(positions(self._skin, x))
-        if self._walls:
+        if walls:
             whole = np.zeros((len(self._vertices), 3))
             for wall, at, places, jump in self._placed(x, weights):
-                np.add.at(whole, at, jump * wall.gradient(places))
+                if wall in walls:
+                    np.add.at(whole, at, jump * wall.gradient(places))
             out[self._own] = whole[self._place]
         return out
 

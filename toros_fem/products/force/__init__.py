@@ -1,0 +1,1 @@
+"""Forces of a finished design: its blocked end, its stiffness, what a pump gives."""
