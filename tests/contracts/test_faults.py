@@ -93,7 +93,7 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[int, dict[
         replace(path, content)
 
     with monkeypatch.context() as patch:
-        for module in ("base.files", "base.archive", "results.open_run"):
+        for module in ("base.files", "base.archive", "results.runs.open_run"):
             patch.setattr(f"toros_fem.{module}.replace_file", noted)
         count = failing_at(patch, 0, lambda: None)
         run(folder)
