@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 from contextlib import AbstractContextManager
 from dataclasses import MISSING, asdict, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from mpi4py import MPI
 
 from toros_fem.base.keys import Count, File, Flag, Text, key
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command import Answer, Command
 from toros_fem.cli.commands.doctor import memory_gib
 from toros_fem.cli.process import (
@@ -177,8 +179,15 @@ class Check(SceneCommand, kw_only=True):
     are refused before they are made.
     """
 
+    drawing: File | None = key(
+        None,
+        "also write the panels to this .svg, .dxf or .geojson file, to draw a print in for "
+        "`toros simulate --drawing`; a file that is there stays",
+    )
+
     EXAMPLES: ClassVar = (
         "toros check mine.toml",
+        "toros check mine.toml --drawing stripes.svg",
         'toros check mine.toml --coarse --set edge_length="2 mm"',
         "toros check mine.toml --json",
     )
@@ -212,7 +221,23 @@ class Check(SceneCommand, kw_only=True):
         if cost.placing:
             lines.append(f"bed         {BED} {cost.placing}")
         lines += cost_lines(comm, cost)
+        if self.drawing is not None:
+            _write_template(comm, read, self.drawing)
+            figures["drawing"] = self.drawing
+            lines.append(f"drawing     {self.drawing}: print in the panels, and simulate it")
         return Answer("\n".join(lines), figures)
+
+
+def _write_template(comm: MPI.Comm, scene: Any, path: Path) -> None:
+    """Write the panels of an actuator, to draw a print in (collective)."""
+    from toros_fem.making.panels.drawing import write_template
+    from toros_fem.products.actuators.scene import ActuatorScene
+
+    if not isinstance(scene, ActuatorScene):
+        raise UsageError(f"toros check: prints on scenes of {scene.KIND!r} cannot be drawn.")
+    if on_first_rank(comm, lambda: os.path.lexists(path)):
+        raise UsageError(f"toros check: {path} is there already, and stays; give another name.")
+    write_template(comm, path, scene.case(comm, scene.finest_level).whole.pattern)
 
 
 def _pressure(skin: Inflated, needed: float | None) -> str:
@@ -325,17 +350,26 @@ class Simulate(RunCommand, kw_only=True):
         "folder of a finished design whose print is simulated; none: the skin where only what the "
         "scene prescribes is printed",
     )
+    drawing: File | None = key(
+        None,
+        "your own print, drawn in SVG, DXF or GeoJSON in a template by `toros check --drawing`; "
+        "without a target",
+    )
 
     TAKES: ClassVar = {**RunCommand.TAKES, "pattern": "DESIGN"}
     EXAMPLES: ClassVar = (
         "toros simulate mine.toml --output plain",
         'toros simulate mine.toml --output other --pattern designed --set pressure="8 kPa"',
+        "toros simulate mine.toml --output stripes --drawing stripes.svg",
         "mpirun -n 2 toros simulate mine.toml --output plain --coarse",
     )
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Simulate in the run's folder (collective)."""
-        return self.run(comm, self.scene(comm), "simulate", pattern=self.pattern)
+        if None not in (self.pattern, self.drawing):
+            raise UsageError("toros simulate: --pattern and --drawing both give a print; take one.")
+        pattern = self.drawing if self.pattern is None else self.pattern
+        return self.run(comm, self.scene(comm), "simulate", pattern=pattern)
 
 
 class Resume(Changes, Meshes, Progress, kw_only=True):

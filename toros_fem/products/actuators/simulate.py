@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, PanelError, ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
+from toros_fem.making.panels.drawing import FORMATS, read_drawing
 from toros_fem.making.print.printability import PRINT, read_print_polygons
-from toros_fem.making.print.regions import case_of_print
+from toros_fem.making.print.regions import case_of_print, part_regions
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -47,7 +50,9 @@ log = logging.getLogger(__name__)
 # Relative difference of pressures that are the same.
 SAME = 1e-3
 
-FILES = {"pattern": f"output folder of a design, or its {NAME}; none: nothing is printed"}
+FILES = {
+    "pattern": f"output folder of a design, its {NAME}, or a drawing; none: nothing is printed"
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,9 +71,9 @@ class SimulationResult(PathResult):
 
     @property
     def figures(self) -> tuple[Figure, ...]:
-        """Metrics, pressure and volume at the last point; nobody asks a plain skin for a target."""
+        """Metrics, pressure and volume at the last point; a plain or drawn skin has no target."""
         found = super().figures
-        if self.source is not None:
+        if self.source is not None and Path(self.source).suffix.lower() not in FORMATS:
             return found
         return tuple(replace(figure, target=None, tolerance=None) for figure in found)
 
@@ -79,7 +84,8 @@ class SimulationResult(PathResult):
 
     def description(self) -> str:
         """Return metrics and pressure in a sentence."""
-        what = "plain skin" if self.source is None else "as printed"
+        drawn = self.source is not None and Path(self.source).suffix.lower() in FORMATS
+        what = "plain skin" if self.source is None else "as drawn" if drawn else "as printed"
         ended = "" if self.failure is None else f"; it ends there: {self.failure}"
         return f"{super().description()}, {what}{ended}"
 
@@ -173,6 +179,14 @@ def case_to_simulate(
         plain = np.zeros(len(made.pattern.panel))
         return made, level, plain if given is None else np.nan_to_num(given, nan=0.0), None
     path = Path(pattern)
+    if path.suffix.lower() in FORMATS:
+        if scene.design.start == "relaxed":
+            level = scene.print_level
+            made = scene.case(comm, level)
+        drawn = _drawn_print(comm, made, path)
+        fine = made.following(comm, part_regions(made.pattern, drawn))
+        assert fine.passive is not None
+        return fine, level, fine.passive, (made.whole.pattern, drawn)
     source, printed = read_print(comm, path / NAME if path.is_dir() else path)
     stored = None
     if path.is_dir() and on_first_rank(comm, (path / PRINT).exists):
@@ -192,6 +206,26 @@ def case_to_simulate(
         raise PanelError(f"{path} is the pattern of another skin: {caught}") from None
     assert fine.passive is not None
     return fine, level, fine.passive, (stored.pattern, stored.regions)
+
+
+def _drawn_print(comm: MPI.Comm, case: Case, path: Path) -> list[BaseGeometry]:
+    """Return a drawing with what is always printed, on the whole skin's panels (collective)."""
+    pattern = case.whole.pattern
+    drawn = read_drawing(comm, path, pattern)
+    if case.prescribed is None:
+        return drawn
+    always = case.whole.at_cells(case.prescribed) == 1
+
+    def joined() -> list[BaseGeometry]:
+        regions = []
+        for panel, region in enumerate(drawn):
+            own = always[pattern.panel == panel]
+            cells = pattern.flat_points[pattern.flat_triangles[(pattern.panel == panel) & always]]
+            printed = pattern.outline(panel) if own.all() else shapely.polygons(cells)
+            regions.append(shapely.union_all([region, *np.atleast_1d(printed)]))
+        return regions
+
+    return on_first_rank(comm, joined)
 
 
 def _tell_pressure(comm: MPI.Comm, taken: float, source: Path) -> None:
