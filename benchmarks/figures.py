@@ -23,13 +23,12 @@ from mpi4py import MPI
 
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.cli.scene_files import read_scene
+from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.measures.figures import NONE, Figure, State, formatted, overall, split_key
-from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import SimulatedPrint, simulated_on
-from toros_fem.results.console import duration
-from toros_fem.results.runs.summary_file import Summary, summary_of
+from toros_fem.products.actuators.estimates import Job, SimulatedPrint, simulated_on
+from toros_fem.results.reporter import duration
+from toros_fem.results.runs.stored_run import Summary, summary_of
 
 SIZES = ("coarse", "full")
 # Folder of all runs.

@@ -31,8 +31,7 @@ from toros_fem.mechanics.skin.supports import Supports, clamp, clamp_where
 from toros_fem.meshes import Pattern, cylinder, sew, two_panels
 from toros_fem.meshes.border_mesh import bordered
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.products.actuators.estimates import COARSER
-from toros_fem.products.actuators.other_mesh import COARSER_MESHES
+from toros_fem.products.actuators.estimates import COARSER, COARSER_MESHES
 
 Floats = npt.NDArray[np.float64]
 Lines = list[Any]

@@ -15,12 +15,11 @@ from typing import Any
 from mpi4py import MPI
 
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
-from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.design.loop.miss import shape_of
+from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.measures.figures import formatted, split_key
-from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import SimulatedPrint, simulated_on
+from toros_fem.products.actuators.estimates import Job, SimulatedPrint, simulated_on
 from toros_fem.products.kinds import KINDS
-from toros_fem.results.shape_miss import shape_of
 
 FOLDER = Path(__file__).parent / "prints"
 # Pressure in Pa of each print, by its kind of scene.

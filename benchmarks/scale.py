@@ -23,22 +23,22 @@ from mpi4py import MPI
 
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown, timed, values_of
 from toros_fem.design.loop.options import DesignOptions
-from toros_fem.design.loop.variables import Variables
+from toros_fem.design.loop.steps import Variables
 from toros_fem.design.mma.optimizer import MMA, Functions
-from toros_fem.making.as_printed.as_printed import contour_values
-from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.as_printed import contour_values
+from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.making.print.cleaning import Panels, clean
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.making.print.printability import printability, printed_cells
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import bend
 from toros_fem.products.tubes.tube import Tube, TubeScene, bend_metric
-from toros_fem.results.files import write_fields
-from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.flat import draw_pattern
 from toros_fem.results.pictures.shapes import draw_shape
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.style import page
+from toros_fem.results.runs.frames import ShownSkin
+from toros_fem.results.writer import write_fields
 
 SIZES = (3_000, 12_000, 45_000, 146_000, 250_000)
 QUICK = (1_000, 3_000)

@@ -22,10 +22,9 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.meshes import cylinder, mirrored
-from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import write_summary
-from toros_fem.results.runs.folder import begin_folder
-from toros_fem.results.writer import draw_pictures
+from toros_fem.results.runs.open_run import begin_folder
+from toros_fem.results.writer import PathResult, draw_pictures, write_pressure_path
 
 parser = argparse.ArgumentParser(description="Inflate a tube without reinforcement.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh and half the pressures")

@@ -36,8 +36,8 @@ from toros_fem.products.tables.loads import ResultTable
 from toros_fem.products.tables.steps import DesignTable
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
-from toros_fem.results.runs.folder import open_run
-from toros_fem.results.summary import PrintedResult
+from toros_fem.results.result import PrintedResult
+from toros_fem.results.runs.open_run import open_run
 
 # β of almost 0 makes the projection the identity.
 PLAIN = 1e-3

@@ -30,12 +30,11 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.mechanics.terms.periodic import Periodic
-from toros_fem.products.tile_design import search
-from toros_fem.products.tile_design.as_printed import measure_print
-from toros_fem.products.tile_design.problem import TileCase, TileDesignScene
-from toros_fem.products.tile_design.report import TileRun, write_tile_results
-from toros_fem.products.tile_design.tile import linear_profile
+from toros_fem.products.tiles import search
+from toros_fem.products.tiles.problem import TileCase, TileDesignScene, measure_print
+from toros_fem.products.tiles.report import TileRun, write_tile_results
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver, ProfileTarget, tile_solver
+from toros_fem.products.tiles.tile import linear_profile
 
 parser = argparse.ArgumentParser(description="Design a tile of fabric with a target stiffness.")
 parser.add_argument("--coarse", action="store_true", help="coarse meshes")

@@ -25,14 +25,14 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base.files import guarded, if_possible, write_table
-from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.making.sheets.write import write_manufacture
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.products.tiles.plots import plot_sheet
-from toros_fem.products.tiles.printed_tile import PrintedTile, print_layout
+from toros_fem.products.tiles.report import PrintedTile, print_layout
 from toros_fem.products.tiles.stiffness_profile import profiles, tile_solver
-from toros_fem.results.runs.folder import begin_folder
+from toros_fem.results.runs.open_run import begin_folder
 
 parser = argparse.ArgumentParser(description="Pull a sheet of tiles beside its prediction.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and fewer tiles")
@@ -48,7 +48,7 @@ along, across, longer = (12, 3, 2.0) if given.coarse else (20, 5, 1.0)
 # ## The tile
 #
 # Polygons on the tile, whose borders are edges of its mesh. For a tile of demos/tile.py:
-# `read_tile(comm, "output/tile")` of `toros_fem.products.tiles.printed_tile`.
+# `read_tile(comm, "output/tile")` of `toros_fem.products.tiles.report`.
 
 # %%
 low, high = -SIDE, 2 * SIDE

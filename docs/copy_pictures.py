@@ -21,7 +21,7 @@ sys.path.insert(0, str(ROOT))
 from benchmarks.figures import DEMOS, folder_of  # noqa: E402
 from toros_fem.results.pictures.film import write_animation  # noqa: E402
 from toros_fem.results.pictures.of_run import draw_run, facts_of  # noqa: E402
-from toros_fem.results.runs.run_folder import read_run  # noqa: E402
+from toros_fem.results.runs.stored_run import read_run  # noqa: E402
 
 SIZE, PICTURES = "coarse", ROOT / "demos" / "pictures"
 # Pictures by their names: the run that each is of, as the table of figures names it, and the file.

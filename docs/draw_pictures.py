@@ -44,9 +44,8 @@ from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import sew
 from toros_fem.products.tubes.tube import bend_metric
-from toros_fem.results.frames.files import FOLDER, read_frames
-from toros_fem.results.frames.shown_skin import read_skin
 from toros_fem.results.pictures.of_run import facts_of
+from toros_fem.results.pictures.raster import View
 from toros_fem.results.pictures.shapes import plot_states
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.style import (
@@ -60,9 +59,9 @@ from toros_fem.results.pictures.style import (
     TALL,
     page,
 )
-from toros_fem.results.pictures.view import View
 from toros_fem.results.report.page_file import write_report
-from toros_fem.results.runs.run_folder import read_run
+from toros_fem.results.runs.frames import FOLDER, read_frames, read_skin
+from toros_fem.results.runs.stored_run import read_run
 
 DOCS = ROOT / "docs"
 BEND = folder_of(next(demo for demo in DEMOS if demo.name == "bend"), "coarse")

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import toros_fem
 from toros_fem.cli.commands.materials import HEADER, row, sentence
-from toros_fem.cli.scene_files.layout import FILES, keys_of
+from toros_fem.cli.scene_files import FILES, keys_of
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import KINDS

@@ -144,7 +144,7 @@ def without_pictures() -> Generator[None]:
 
     The page of a run is made: its charts, and what it shows of a skin.
     """
-    page = {"curves", "style", "words", "shown", "raster", "view"}
+    page = {"curves", "style", "shown", "raster"}
     pictures = {path.stem for path in (ROOT / "toros_fem" / "results" / "pictures").glob("*.py")}
     with pytest.MonkeyPatch.context() as patch:
         for name in pictures - page:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from toros_fem.cli.command_line.places import use_writable_places
-from toros_fem.cli.needs import tell_missing
+from toros_fem.cli.process import tell_missing, use_writable_places
 
 # Variables of processes that an MPI, or a batch system, starts together.
 OF_RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_RANK", "PMIX_RANK", "SLURM_PROCID", "MPI_LOCALNRANKS")
@@ -25,7 +24,7 @@ def main() -> int:
         os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler"
         from mpi4py import MPI
 
-        import toros_fem.cli.command_line.command  # noqa: F401  # what all commands need
+        import toros_fem.cli.command  # noqa: F401  # what all commands need
     except (ImportError, RuntimeError) as error:  # mpi4py without an MPI raises the second
         return tell_missing(words, error)
     return run(MPI.COMM_WORLD, words)

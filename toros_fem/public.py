@@ -9,11 +9,10 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.levels import optimize_levels, refinements
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.regularisation import Regularisation
-from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.find import RelaxedOptions, find_lines
-from toros_fem.making.as_printed.as_printed import as_printed, printed_lines
+from toros_fem.making.as_printed import as_printed, printed_lines
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
 from toros_fem.measures.between_regions import (
@@ -38,13 +37,13 @@ from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.corrections import corrected
 from toros_fem.products.actuators.design_skin import design_skin
 from toros_fem.products.actuators.estimates import print_intervals
-from toros_fem.products.actuators.trim import trimmed
+from toros_fem.products.actuators.pressure import trimmed
 from toros_fem.products.fitting.fit import fit_material
 from toros_fem.products.fitting.reading import read_tensile_tests
 from toros_fem.products.tolerance.simulated import tolerances
-from toros_fem.results.report.notebook import read_summary
+from toros_fem.results.report.page_file import read_summary
 from toros_fem.results.reporter import DesignReporter
-from toros_fem.results.runs.folder import open_run
+from toros_fem.results.runs.open_run import open_run
 from toros_fem.results.writer import write_results
 
 __all__ = [  # noqa: RUF022

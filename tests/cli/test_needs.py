@@ -11,7 +11,7 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.needs import MISSING, lacking, lacking_to_compile
+from toros_fem.cli.process import MISSING, lacking, lacking_to_compile
 
 # The command `toros` where modules cannot be imported.
 WITHOUT = """

@@ -35,17 +35,20 @@ from contracts.refusals import (
     each,
 )  # fmt: skip
 from toros_fem import meshes as m
-from toros_fem.design.density.bar_width import threshold_for_width
 from toros_fem.design.density.filters import cone_filter, make_filter
-from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.length_scale import (
+    LengthScale,
+    LengthScaleConstraints,
+    threshold_for_width,
+)
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines import laid_lines
 from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, LineChange
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.mma.optimizer import MMA, Functions
+from toros_fem.making.panels.marks import sewn_seams
 from toros_fem.making.panels.panel_drawing import panel_drawings
-from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import regions_on
 from toros_fem.making.sheets.layout import nest

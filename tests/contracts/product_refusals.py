@@ -28,10 +28,10 @@ from toros_fem.meshes.pattern_file import NAME
 from toros_fem.meshes.surfaces.remeshed import remeshed
 from toros_fem.meshes.surfaces.surface import oriented
 from toros_fem.products.fitting.reading import Given
-from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.samples import TensileTest
 from toros_fem.products.gripper.gripper import GripperScene
 from toros_fem.products.options import FitOptions
-from toros_fem.products.own_mesh.metrics import MetricTable
+from toros_fem.products.own_mesh.metrics import MetricTable, Region
 from toros_fem.products.own_mesh.own_mesh import (
     Held,
     OwnSkin,
@@ -39,7 +39,6 @@ from toros_fem.products.own_mesh.own_mesh import (
     Printed,
     read_skin,
 )
-from toros_fem.products.own_mesh.regions import Region
 from toros_fem.products.tiles.stiffness_profile import (
     ALONG,
     Profile,

@@ -29,13 +29,16 @@ from toros_fem.base.errors import TorosError
 from toros_fem.base.files import reason
 from toros_fem.base.scene import Scene
 from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.cli.scene_files import read_scene, scene_text
 from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.marks import Label
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
-from toros_fem.making.panels.panel_labels import Label
-from toros_fem.making.print.print_file import StoredPrint, read_print_polygons, write_print_polygons
-from toros_fem.making.print.printability import PrintLimits
+from toros_fem.making.print.printability import (
+    PrintLimits,
+    StoredPrint,
+    read_print_polygons,
+    write_print_polygons,
+)
 from toros_fem.making.sheets.layout import CutSheet
 from toros_fem.making.sheets.write import cut_dxf, cut_svg, stl_of, threemf_of
 from toros_fem.materials.library.files import read_library, read_materials, write_material
@@ -52,10 +55,16 @@ from toros_fem.meshes import (
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.surfaces import files
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile, write_tile
-from toros_fem.results.frames.files import Frame, read_frames, write_frame
-from toros_fem.results.frames.shown_skin import ShownSkin, read_skin, write_skin
-from toros_fem.results.runs.folder import open_run, read_record
+from toros_fem.products.tiles.report import PrintedTile, read_tile, write_tile
+from toros_fem.results.runs.frames import (
+    Frame,
+    ShownSkin,
+    read_frames,
+    read_skin,
+    write_frame,
+    write_skin,
+)
+from toros_fem.results.runs.open_run import open_run, read_record
 
 ALONE, LIBRARY = MPI.COMM_SELF, read_library()
 FEW = settings(

@@ -18,15 +18,15 @@ from helpers.scenes import DATA
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError, TorosError
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.cli.scene_files import read_scene
+from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.making.sheets.write import _earlier
 from toros_fem.materials.library.files import read_materials
 from toros_fem.meshes import from_mesh, read_pattern, read_surface
 from toros_fem.products.fitting.reading import read_tensile_tests
-from toros_fem.products.tiles.printed_tile import read_tile
+from toros_fem.products.tiles.report import read_tile
 from toros_fem.results.report.page_file import write_report
-from toros_fem.results.runs.folder import read_record
+from toros_fem.results.runs.open_run import read_record
 
 # What `make fuzz` found.
 FOUND = DATA / "found"

@@ -17,13 +17,12 @@ from helpers.worn import printed_tube
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
+from toros_fem.design.loop.fields import random_density
 from toros_fem.design.loop.levels import optimize_levels
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.relaxed.families import FixedDirections
-from toros_fem.design.relaxed.problem import relaxed_problem
+from toros_fem.design.relaxed.problem import FixedDirections, relaxed_problem
 from toros_fem.materials.sheet import Bending, Bladder, Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field

@@ -39,7 +39,7 @@ def misspelt(comm: MPI.Comm) -> None:
 
 # Each place that warns: its file and how many there are, and calls that lead there.
 WARNS: dict[str, list[tuple[type[TorosWarning], Callable[[MPI.Comm], object]]]] = {
-    "toros_fem/design/density/neighbours.py": [
+    "toros_fem/design/density/filters.py": [
         (TorosWarning, lambda c: make_filter("cone", tf.sew(c, tube(c)), 9e-3))
     ],
     "toros_fem/mechanics/equilibrium/solver.py": [

@@ -15,13 +15,13 @@ from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.scene_files import read_scene
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.relaxed.find import find_lines
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.products.actuators.design_skin import scene_of
-from toros_fem.products.tile_design.problem import tile_problem
-from toros_fem.products.tile_design.tile import tile_case
+from toros_fem.products.tiles.problem import tile_problem
+from toros_fem.products.tiles.tile import tile_case
 from toros_fem.products.tubes.inflate import METRICS
 from toros_fem.products.tubes.tube import plain_planes, plain_tube
 
@@ -127,7 +127,7 @@ DEMOS: dict[str, tuple[str, Callable[..., Model], Callable[..., Model]]] = {
         ("design_skin", designed, of_scene),
     ),
     "inflate": ("trace", path, scene_path),
-    "tile": ("products.tile_design.search.design_tile", tile, scene_tile),
+    "tile": ("products.tiles.search.design_tile", tile, scene_tile),
 }
 ON_RANKS = ["bend", "contract"]
 

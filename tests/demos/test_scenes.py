@@ -5,7 +5,7 @@ import tomllib
 import pytest
 from helpers.scenes import ROOT
 
-from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.scene_files import read_scene
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from demos import three_field
 from toros_fem import errors
-from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import random_density
 
 SMALL = three_field.ThreeFieldScene.of(
     length=0.08,

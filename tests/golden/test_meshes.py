@@ -12,9 +12,9 @@ from helpers.surfaces import sphere
 from mpi4py import MPI
 
 from toros_fem import meshes as m
-from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.perimeter import Perimeter
+from toros_fem.design.loop.fields import random_density
 from toros_fem.meshes.makers.sheets import disc, rectangle
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer, refine

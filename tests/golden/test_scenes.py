@@ -18,9 +18,8 @@ from mpi4py import MPI
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
-from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
-from toros_fem.design.relaxed.problem import relaxed_problem
+from toros_fem.design.loop.shape_design import ShapeProblem
+from toros_fem.design.relaxed.problem import FixedDirections, FreeDirections, relaxed_problem
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
@@ -29,8 +28,8 @@ from toros_fem.meshes.skin import Skin
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.gripper import gripper
 from toros_fem.products.own_mesh import own_mesh
-from toros_fem.products.tile_design import tile
-from toros_fem.products.tile_design.problem import tile_problem
+from toros_fem.products.tiles import tile
+from toros_fem.products.tiles.problem import tile_problem
 from toros_fem.products.tubes import bend, bend_twist, contract, inflate, twist
 from toros_fem.products.tubes.tube import plain_tube
 from toros_fem.products.walker import walker as walking

@@ -7,10 +7,9 @@ from types import NoneType
 from typing import Any, get_args, get_origin
 
 from toros_fem.base.scene import Scene
-from toros_fem.cli.command_line.exit_codes import MEANING
 from toros_fem.cli.commands.main import COMMANDS, application, command_of, overview
-from toros_fem.cli.scene_files.layout import LIBRARY, MATERIAL
-from toros_fem.cli.scene_files.materials import names_of
+from toros_fem.cli.process import MEANING
+from toros_fem.cli.scene_files import LIBRARY, MATERIAL, names_of
 from toros_fem.products.kinds import ABOUT, KINDS
 
 

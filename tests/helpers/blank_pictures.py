@@ -16,7 +16,7 @@ def blank_pictures() -> Iterator[None]:
     figures = pytest.importorskip("matplotlib.figure")
     from PIL import Image as Bitmap
 
-    from toros_fem.results.pictures import inflation, stage
+    from toros_fem.results.pictures import of_run, shown
     from toros_fem.results.pictures.raster import Image, Window
 
     draw = figures.Figure.savefig
@@ -33,7 +33,7 @@ def blank_pictures() -> Iterator[None]:
         return Image(colours, np.full((height, width), -np.inf, dtype=np.float32), window)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stage, "render", blank)
-        patch.setattr(inflation, "render", blank)
+        patch.setattr(shown, "render", blank)
+        patch.setattr(of_run, "render", blank)
         patch.setattr(figures.Figure, "savefig", save)
         yield

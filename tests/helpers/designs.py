@@ -15,9 +15,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.fields import DensityFields, densities_of
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import ObjectiveTerm
-from toros_fem.design.loop.regularisation import Regularisation
-from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign, ShapeProblem
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Pattern, Skin, bend

@@ -7,9 +7,8 @@ import shapely
 from mpi4py import MPI
 
 from toros_fem.design.lines.centre_lines import CentreLine
-from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.field import LineField, LineMesh
 from toros_fem.design.lines.laid_lines import LaidLines
-from toros_fem.design.lines.line_mesh import LineMesh
 from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.pattern import Pattern
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.design.mma.approximation import Approximation
-from toros_fem.design.mma.subproblem import Penalty, Solution, solve_subproblem
+from toros_fem.design.mma.subproblem import Approximation, Penalty, Solution, solve_subproblem
 
 Problem = Callable[[np.ndarray], tuple[float, np.ndarray, list[float], list[np.ndarray]]]
 

@@ -10,11 +10,10 @@ import shapely
 from mpi4py import MPI
 
 from toros_fem.base.files import write_json, write_table
-from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern, bend, cylinder
-from toros_fem.results.frames.files import FOLDER, Frame, write_frame
-from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
+from toros_fem.results.runs.frames import FOLDER, Frame, ShownSkin, write_frame, write_skin
 
 LENGTH, DIAMETER = 0.15, 0.02
 STRIPE = shapely.box(0.01, 0.005, 0.03, 0.145).difference(shapely.Point(0.02, 0.07).buffer(6e-3))

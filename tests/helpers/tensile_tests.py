@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from toros_fem.materials.sheet import Material
-from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.samples import TensileTest
 from toros_fem.products.fitting.uniaxial import Coefficients, lateral_strain, pulling_stress
 
 C1, C2 = 1.9, 2.2

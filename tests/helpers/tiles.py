@@ -20,10 +20,15 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.terms.periodic import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
-from toros_fem.products.tile_design.as_printed import TileResult, simulated_print
-from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
-from toros_fem.products.tile_design.search import random_waves
-from toros_fem.products.tiles.printed_tile import MEMBRANE, PrintedTile
+from toros_fem.products.tiles.problem import (
+    TileCase,
+    TileDesignScene,
+    TileResult,
+    simulated_print,
+    tile_problem,
+)
+from toros_fem.products.tiles.report import MEMBRANE, PrintedTile
+from toros_fem.products.tiles.search import random_waves
 from toros_fem.products.tiles.stiffness_profile import (
     Contrast,
     Profile,

@@ -24,8 +24,7 @@ from helpers.runs import regions_of, tube
 from helpers.scenes import ROOT
 
 from toros_fem.base.archive import HEADER, Archive, write_archive
-from toros_fem.making.print.print_file import write_print_polygons
-from toros_fem.making.print.printability import DEFAULT_LIMITS
+from toros_fem.making.print.printability import DEFAULT_LIMITS, write_print_polygons
 from toros_fem.meshes import write_pattern
 
 SECONDS_OF_ONE = 20.0

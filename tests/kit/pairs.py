@@ -30,9 +30,8 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, total
-from toros_fem.design.density.filters import cone_filter, make_filter
+from toros_fem.design.density.filters import Filter, cone_filter, group_mean, make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.design.density.linear import Filter, group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.fields import DensityFields
@@ -40,12 +39,16 @@ from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.options import Stage as DesignStage
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
-from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.design.loop.steps import Steps
-from toros_fem.design.loop.variables import Variables
+from toros_fem.design.loop.shape_design import ShapeProblem
+from toros_fem.design.loop.steps import Steps, Variables
 from toros_fem.design.mma.optimizer import Functions
-from toros_fem.design.relaxed.families import Families, FixedDirections, FreeDirections
-from toros_fem.design.relaxed.problem import relaxed_problem, smoothing
+from toros_fem.design.relaxed.problem import (
+    Families,
+    FixedDirections,
+    FreeDirections,
+    relaxed_problem,
+    smoothing,
+)
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective
@@ -61,7 +64,7 @@ from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.terms.periodic import UNIAXIAL, Periodic
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
-from toros_fem.products.tile_design.problem import TileProblem
+from toros_fem.products.tiles.problem import TileProblem
 from toros_fem.products.tiles.stiffness_profile import (
     ProfileObjective,
     ProfileSolver,

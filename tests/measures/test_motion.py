@@ -5,7 +5,7 @@ import pytest
 from helpers.designs import bounded, make_problem
 
 from toros_fem.base.mpi import dot
-from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import random_density
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.measures.motion import motion_along

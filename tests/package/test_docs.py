@@ -13,7 +13,7 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.scene_files import read_scene
 
 PAGES = [
     ROOT / "README.md",

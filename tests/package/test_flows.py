@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base import compiled_forms
-from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import random_density
 
 EDGE = 6e-3
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

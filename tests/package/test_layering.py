@@ -33,7 +33,7 @@ def ours(path: Path) -> set[str]:
 
 def test_every_module_is_seen() -> None:
     """The tests below look at all that is there, and would not pass on nothing."""
-    assert len({HOUSE.module_of(path) for path in SOURCES}) == len(SOURCES) > 300
+    assert len({HOUSE.module_of(path) for path in SOURCES}) == len(SOURCES) > 150
     assert {room_of(path) for path in SOURCES} == {*ROOMS, "", "__main__", "public"}
 
 

@@ -11,8 +11,8 @@ import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.design.density.neighbours import RESOLVED
+from toros_fem.cli.scene_files import read_scene
+from toros_fem.design.density.filters import RESOLVED
 from toros_fem.meshes import cylinder
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.kinds import KINDS

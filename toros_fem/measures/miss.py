@@ -15,7 +15,7 @@ from toros_fem.measures.cross_sections import (
     section_vertices,
 )
 from toros_fem.measures.figures import DEFAULT, Figure, Tolerances
-from toros_fem.measures.rotation import best_rotation
+from toros_fem.measures.rotation import best_rotation, polar_rotation
 from toros_fem.measures.shape import Objective, ShapeObjective, SumObjective
 from toros_fem.meshes.pattern import Pattern
 
@@ -137,6 +137,15 @@ def is_aligned(objective: Objective) -> bool:
         compared = [part for part in objective.parts if any(compared_axes(part))]
         return bool(compared) and all(map(is_aligned, compared))
     return isinstance(objective, AlignedObjective)
+
+
+def placed_on(pattern: Pattern, positions: Floats, target: Floats) -> Floats:
+    """Return positions of all vertices, (n, 3), in m, after the best rigid motion onto a target."""
+    weights = pattern.vertex_areas / pattern.vertex_areas.sum()
+    centre, goal = weights @ positions, weights @ target
+    moment = ((target - goal) * weights[:, None]).T @ (positions - centre)
+    rotation, _ = polar_rotation(moment)
+    return np.asarray((positions - centre) @ rotation.T + goal)
 
 
 def shape_figures(

@@ -17,7 +17,7 @@ _SCENES = {
     "inflate": ("tubes.inflate.InflateScene", "a tube without reinforcement that swells"),
     "walker": ("walker.walker.WalkerScene", "an X-shaped robot that stands up or crawls"),
     "gripper": ("gripper.gripper.GripperScene", "a gripper whose fingers close on an object"),
-    "tile": ("tile_design.tile.TileScene", "a periodic fabric of designed stiffness"),
+    "tile": ("tiles.tile.TileScene", "a periodic fabric of designed stiffness"),
     "own-mesh": ("own_mesh.own_mesh.OwnMeshScene", "a skin of your own, from a mesh file"),
 }
 ABOUT: Mapping[str, str] = MappingProxyType({name: about for name, (_, about) in _SCENES.items()})

@@ -1,25 +1,39 @@
-"""Result of a run: its figures, its summary.json, and how a notebook shows it."""
+"""Result of a run: its figures, its summary.json, and how a notebook shows it; that of a print."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.errors import OutputError
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.base.files import guarded, write_json
+from toros_fem.base.keys import Table
+from toros_fem.base.scene import Scene
+from toros_fem.base.validation import require_kind
 from toros_fem.base.versions import versions
-from toros_fem.measures.figures import Figure, overall, verdict_of
+from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.options import LOST, Iteration, growth_of_miss
+from toros_fem.design.loop.shape_design import ShapeProblem
+from toros_fem.making.as_printed import PrintedDesign
+from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall, verdict_of
+from toros_fem.measures.miss import shape_figures
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.results.report.notebook import EmbeddedPage, view_of
+from toros_fem.results.report.page_file import EmbeddedPage, view_of
 from toros_fem.results.report.tables import as_text
-from toros_fem.results.runs.files import SUMMARY
-from toros_fem.results.runs.folder import require_open, run_of
-from toros_fem.results.runs.summary_file import Summary, figures_html
-from toros_fem.results.runs.warnings import warnings_of
+from toros_fem.results.runs.open_run import require_open, run_of
+from toros_fem.results.runs.stored_run import SUMMARY, Summary, figures_html, notes_at, warnings_of
+
+# A pressure this near to its bound, over it, is at it; so much of the stretch bounds is nearly all.
+NEAR_BOUND, STRETCHED = 1e-3, 0.97
+# What is advised where the pressure is at its bound, over this.
+MORE = 1.5
 
 
 class RunResult(ABC):
@@ -127,3 +141,252 @@ def write_summary(comm: MPI.Comm, folder: Path | str, result: RunResult) -> dict
     guarded(comm, folder, write)
     object.__setattr__(result, "folder", folder)  # of frozen dataclasses, which it is no field of
     return content
+
+
+def shape_problem(result: DesignResult) -> ShapeProblem:
+    """Return the problem of a result, which must be the design of a shape, or a ParameterError."""
+    require_kind("result", result, DesignResult, "the DesignResult of optimize")
+    if not isinstance(result.problem, ShapeProblem):
+        raise ParameterError(
+            f"the result is that of a {type(result.problem).__name__}; only the design of a shape "
+            "has these files. For a tile use toros_fem.products.tiles."
+        )
+    return result.problem
+
+
+def level_figures(history: Sequence[Iteration]) -> list[dict[str, float]]:
+    """Return steps, cost and last objective on each mesh, the coarsest first."""
+    figures = []
+    for level in sorted({row.level for row in history}):
+        rows = [row for row in history if row.level == level]
+        figures.append(
+            {
+                "iterations": rows[-1].iteration - rows[0].iteration,
+                "objective_first": rows[0].objective,
+                "objective_last": rows[-1].objective,
+                **_cost_of(rows),
+                "seconds": sum(row.seconds for row in rows),
+            }
+        )
+    return figures
+
+
+def _cost_of(rows: Sequence[Iteration]) -> dict[str, int]:
+    names = ("rejected", "newton_steps", "factorisations")
+    return {name: sum(getattr(row, name) for row in rows) for name in names}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PrintedResult(RunResult):
+    """The design of a shape and its print: what `write_results` writes.
+
+    Attributes:
+        metrics: Metrics of the print, by key; empty without an equilibrium.
+        intervals: Half-width of the interval of each metric, by key, as far as they are known.
+        shape: How far its shape is from the target, as of `Miss.values`; empty if the design
+            compares no positions, and without an equilibrium.
+        tolerances: What counts as reached.
+        finer: Positions that a finer mesh tells, at all vertices of the print's mesh, (n, 3), in m;
+            None shows those of the print's mesh.
+    """
+
+    design: DesignResult
+    printed: PrintedDesign
+    metrics: Mapping[str, float]
+    intervals: Mapping[str, float] = field(default_factory=dict)
+    config: Scene | Table | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    shape: Mapping[str, float] = field(default_factory=dict)
+    tolerances: Tolerances = DEFAULT
+    finer: Floats | None = None
+
+    @property
+    def problem(self) -> ShapeProblem:
+        """The design problem."""
+        return shape_problem(self.design)
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Metrics, miss of the shape, pressure and volume of the print."""
+        made = self.printed.evaluation
+        state = None if made is None else made.equilibrium
+        shape = shape_figures(self.shape, self.intervals, self.tolerances)
+        of_state = state_figures(self.pressure, state, self.problem.parts)
+        return (*self.metric_figures, *shape, *of_state)
+
+    @property
+    def pressure(self) -> float:
+        """Pressure of the print in Pa, the largest of all chambers; that of the design without."""
+        return max(self.pressures, default=0.0)
+
+    @property
+    def pressures(self) -> tuple[float, ...]:
+        """Pressure of each chamber of the print in Pa; those of the design without."""
+        return (self.printed.evaluation or self.design.final).equilibrium.pressures
+
+    @property
+    def most_pressure(self) -> float:
+        """Largest pressure in Pa that the problem allows, of all chambers."""
+        physics = self.problem.physics
+        pairs = zip(physics.pressures, physics.pressure_ranges, strict=True)
+        return max((bounds[1] if bounds else most for most, bounds in pairs), default=0.0)
+
+    @property
+    def metric_figures(self) -> tuple[Figure, ...]:
+        """The metrics of the print."""
+        return tuple(
+            metric.figure(
+                self.metrics.get(metric.key),
+                self.intervals.get(metric.key),
+                self.tolerances.figure,
+            )
+            for metric in self.problem.metrics
+        )
+
+    @property
+    def binding(self) -> tuple[str, ...]:
+        """What keeps the print from its targets, as far as it is known."""
+        state = overall(self.figures)
+        if state in (None, State.REACHED):
+            return ()
+        found = [*self._pressures_at_bounds(), *self._stretched(), *self._cleaned_away()]
+        if (growth := growth_of_miss(self.design.history, self.design.final.shape)) > LOST:
+            found.append(f"widths: printable lines miss the target {growth:.1f} times as much")
+        if state is State.NOT_CERTAIN:
+            known = all(figure.interval is not None for figure in self.figures if figure.state)
+            wide = "its interval reaches over the tolerance"
+            found.append(f"error by the mesh: {wide if known else 'it is not estimated'}")
+        return tuple(found)
+
+    @property
+    def notes(self) -> list[str]:
+        """What is not as usual in the equilibrium of the print."""
+        made = self.printed.evaluation
+        if made is None:
+            return []
+        return notes_at([(self.pressure, made.equilibrium.condition.sentences)])
+
+    @property
+    def shown_metrics(self) -> Mapping[str, float]:
+        """Metrics of the print by key, those of the design where it has no equilibrium."""
+        made = self.printed.evaluation is not None
+        return self.metrics if made else self.design.history[-1].metrics
+
+    def entries(self) -> dict[str, Any]:
+        """Return design, print and cost."""
+        design, simulated = self.design, self.printed.evaluation
+        return {
+            "pressures_pa": list(self.pressures),
+            "equilibrium": simulated and simulated.equilibrium.reason,
+            "printed_objective": simulated and simulated.shape,
+            "printed_failure": self.printed.failure or None,
+            **self._designed(),
+            **self._cleaned(),
+            **self._cost(),
+            "seconds": {**design.seconds, **self.seconds},
+            "inputs": None if self.config is None else self.config.as_dict(),
+        }
+
+    def description(self) -> str:
+        """Return metrics, pressure and cost in a sentence."""
+        first, last = (self.design.history[k].objective for k in (0, -1))
+        designed = self.design.history[-1].metrics
+        told = []
+        for metric, figure in zip(self.problem.metrics, self.metric_figures, strict=True):
+            beside = f" ({metric.formatted(designed[metric.key])} as designed)"
+            told.append(figure.words + (beside if metric.key in designed else ""))
+        steps = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"
+        return self.told(told, steps)
+
+    def told(self, metrics: Sequence[str], steps: str) -> str:
+        """Return a sentence of what is said of the metrics and of the steps of the design."""
+        shape = shape_figures(self.shape, self.intervals, self.tolerances)
+        said = [*metrics, *(figure.words for figure in shape if figure.state)]
+        at = f"{self.pressure / 1e3:.2f} kPa"
+        if self.pressure < (1 - NEAR_BOUND) * self.most_pressure:
+            at += f" (the pump gives {self.most_pressure / 1e3:g} kPa)"
+        return (
+            f"{', '.join(said)} as printed at {at}, {steps}, "
+            f"{self.printed.after.summary()['islands']} islands, "
+            f"{self.seconds.get('total', 0.0):.0f} s"
+        )
+
+    def _pressures_at_bounds(self) -> list[str]:
+        ranges = self.problem.physics.pressure_ranges
+        key = "pressure_bounds up to" if self.config is None else "pressure ="
+        advised = not self._stretched()
+        return [
+            f"pressure at its bound, {bounds[1] / 1e3:g} kPa"
+            + f'. If the pump gives more: {key} "{MORE * bounds[1] / 1e3:.3g} kPa"' * advised
+            for pressure, bounds in zip(self.pressures, ranges, strict=True)
+            if bounds and abs(pressure - bounds[1]) < NEAR_BOUND * bounds[1]
+        ]
+
+    def _stretched(self) -> list[str]:
+        made = self.printed.evaluation
+        if made is None or made.equilibrium.stretch_use < STRETCHED:
+            return []
+        return [f"{made.equilibrium.stretch_use:.0%} of the stretch bounds are used"]
+
+    def _cleaned_away(self) -> list[str]:
+        """Return how cleaning changed the print."""
+        cleaned, before, after = self.printed.cleaned, self.printed.before, self.printed.after
+        counts = (
+            (len(cleaned.dropped), "island", "removed"),
+            (len(cleaned.bridged), "island", "joined"),
+            (len(cleaned.filled), "hole", "filled"),
+            (len(before.lines.narrow) - len(after.lines.narrow), "narrow line", "widened"),
+            (len(before.gaps.narrow) - len(after.gaps.narrow), "narrow gap", "changed"),
+        )
+        told = [f"{n} {what}{'s' * (n > 1)} {done}" for n, what, done in counts if n > 0]
+        return [f"print limits: {', '.join(told)}"] if told else []
+
+    def _designed(self) -> dict[str, Any]:
+        """Return what is known of the design with its grey borders."""
+        problem, final, history = self.problem, self.design.final, self.design.history
+        first, last = history[0], history[-1]
+        limits, widths = problem.length_scale, final.length_scale
+        return {
+            "objective_first": first.objective,
+            "objective_last": last.objective,
+            "design": {
+                **last.metrics,
+                "shape": last.shape,
+                "perimeter_m": final.perimeter and self.problem.parts * final.perimeter,
+                "volume_m3": self.problem.parts * final.equilibrium.volume,
+                "kkt_residual": last.kkt if np.isfinite(last.kkt) else None,
+            },
+            "gradient_norm_first": first.gradient_norm,
+            "gradient_norm_last": last.gradient_norm,
+            "volume_fraction": last.volume_fraction,
+            "grey_level": last.grey_level,
+            "length_scale": None if limits is None or widths is None else limits.summary(widths),
+        }
+
+    def _cleaned(self) -> dict[str, Any]:
+        """Return widths and islands of the print, before and after it was cleaned."""
+        printed = self.printed
+        return {
+            "manufacture": printed.after.summary(),
+            "dropped": {
+                "islands": len(printed.cleaned.dropped),
+                "islands_mm2": 1e6 * sum(piece.area for piece in printed.cleaned.dropped),
+                "islands_bridged": len(printed.cleaned.bridged),
+                "holes_filled": len(printed.cleaned.filled),
+                "before": printed.before.summary(),
+            },
+        }
+
+    def _cost(self) -> dict[str, Any]:
+        """Return sizes, steps and the reason of the end."""
+        history, skin = self.design.history, self.problem.skin
+        return {
+            "iterations": history[-1].iteration,
+            "levels": level_figures(history),
+            **_cost_of(history),
+            "triangles": len(skin.pattern.panel),
+            "vertices": len(skin.pattern.points),
+            "parts_by_symmetry": self.problem.parts,
+            "linear_solver": self.problem.solver.linear_solver,
+            "reason": self.design.reason,
+        }

@@ -11,12 +11,12 @@ from helpers.scenes import ROOT, square
 from kit.scene_runs import summary_of, value_of
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.command import Answer
+from toros_fem.cli.command import Answer
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.cli.scene_files import scene_text
 from toros_fem.meshes.pattern_file import write_pattern
 from toros_fem.products.kinds import KINDS
-from toros_fem.results.runs.folder import open_run
+from toros_fem.results.runs.open_run import open_run
 
 Designed = tuple[Path, Path]
 
@@ -199,7 +199,7 @@ def test_the_folder_is_named_after_the_scene(
         taken.append((name, place))
         return Answer("")
 
-    monkeypatch.setattr("toros_fem.cli.command_line.running.run_scene", record)
+    monkeypatch.setattr("toros_fem.cli.running.run_scene", record)
     file = tmp_path / "mine.toml"
     assert run(alone, ["new", "bend", str(file)]) == 0
     assert run(alone, [words[0], str(file), *words[1:]]) == 0

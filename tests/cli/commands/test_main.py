@@ -17,9 +17,9 @@ from mpi4py import MPI
 
 from toros_fem.base import compiled_forms
 from toros_fem.base.errors import NoEquilibriumError, OutputError, ParameterError
-from toros_fem.cli.command_line.command import Answer
-from toros_fem.cli.command_line.exit_codes import MEANING
+from toros_fem.cli.command import Answer
 from toros_fem.cli.commands.main import COMMANDS, application, command_of, run
+from toros_fem.cli.process import MEANING
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.scene_files import read_scene
 from toros_fem.products.kinds import KINDS
 
 

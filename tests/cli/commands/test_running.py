@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from toros_fem.cli.command_line.running import narrower
-from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.running import narrower
+from toros_fem.cli.scene_files import read_scene
 
 
 def test_the_tested_stretch_comes_with_the_name_of_a_fabric(tmp_path: Path) -> None:

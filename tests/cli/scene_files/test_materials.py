@@ -8,8 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.base.errors import FileError
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.cli.scene_files import read_scene, scene_text
 from toros_fem.materials.library.files import read_library, write_material
 from toros_fem.materials.sheet import Bladder, Material, print_offset, reinforced
 from toros_fem.products.kinds import KINDS

@@ -7,7 +7,7 @@ import pytest
 from helpers.scenes import ROOT
 
 from toros_fem.base.units import DIMENSIONS
-from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.scene_files import read_scene
 from toros_fem.products.kinds import ABOUT, KINDS
 
 PAGE = (ROOT / "docs" / "scene_files.md").read_text(encoding="utf-8")

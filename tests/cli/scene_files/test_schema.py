@@ -13,9 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import FileError
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.layout import scene_schema
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.cli.scene_files import read_scene, scene_schema, scene_text
 from toros_fem.products.kinds import KINDS
 
 WRONG = [

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.cli.scene_files.writing import WIDTH, scene_text
+from toros_fem.cli.scene_files import WIDTH, read_scene, scene_text
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh.metrics import MetricTable
 from toros_fem.products.own_mesh.own_mesh import Held, OwnMeshScene, Printed

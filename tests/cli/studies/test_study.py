@@ -9,12 +9,11 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import FileError, OutputError, ParameterError
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.layout import keys_of
-from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.cli.studies.study import Trial, combinations, rows_of, run_study, values_of
+from toros_fem.cli.running import Trial, combinations, rows_of, run_study, values_of
+from toros_fem.cli.scene_files import keys_of, read_scene
 from toros_fem.measures.figures import Figure
 from toros_fem.products.kinds import KINDS
-from toros_fem.results.runs.summary_file import Summary
+from toros_fem.results.runs.stored_run import Summary
 
 KEYS = {key: one for of in keys_of(KINDS["bend"]).values() for key, one in of.items()}
 SMALL = 'kind = "inflate"\n[skin]\nlength = "60 mm"\nedge_length = "6 mm"\n[pressure]\nlevels = 2\n'

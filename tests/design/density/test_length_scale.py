@@ -6,13 +6,30 @@ from helpers.scenes import square, table
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.design.density.bar_width import unfiltered_width, width_for_threshold
-from toros_fem.design.density.filters import cone_filter, make_filter
-from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.design.density.linear import Filter, Linear
+from toros_fem.design.density.filters import Filter, Linear, cone_filter, make_filter
+from toros_fem.design.density.length_scale import (
+    LengthScale,
+    LengthScaleConstraints,
+    filtered_bar,
+    threshold_for_width,
+    unfiltered_width,
+    width_for_threshold,
+)
 from toros_fem.design.density.projection import Projection
 from toros_fem.meshes import Skin, cylinder, sew
 from toros_fem.meshes.triangles import equilateral_edge
+
+
+@pytest.mark.parametrize("name", ["cone", "helmholtz"])
+def test_bars_against_the_tables(name: str) -> None:
+    column = {"cone": "peak_cone2D", "helmholtz": "peak_helmholtz"}[name]
+    for row in table("filter_strip_peak"):
+        peak = filtered_bar(name, float(row["b_over_R"]), 0.0)
+        assert peak == pytest.approx(float(row[column]), abs=2e-6)
+    if name == "cone":
+        for row in table("filter_min_bar")[1:]:
+            width = float(row["projected width at eta=.5 for that bar cone2D/R"])
+            assert threshold_for_width(name, width) == pytest.approx(float(row["eta"]), abs=1e-5)
 
 
 def hat_bar(x: Floats, width: float) -> Filter:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers.scenes import square
 
-from toros_fem.design.density.linear import product
-from toros_fem.design.density.neighbours import (
+from toros_fem.design.density.filters import (
     Neighbourhood,
+    product,
 )
 from toros_fem.meshes import Skin, mirrored
 
@@ -22,7 +22,7 @@ def test_pairs_against_all_distances(short_tube: Skin, monkeypatch: pytest.Monke
     distance = np.linalg.norm(offset, axis=2)
     near = (distance <= RADIUS) & (pattern.panel[:, None] == pattern.panel[None])
     for at_once in (2_000_000, 1000):
-        monkeypatch.setattr("toros_fem.design.density.neighbours.PAIRS", at_once)
+        monkeypatch.setattr("toros_fem.design.density.filters.PAIRS", at_once)
         search = Neighbourhood(pattern, RADIUS)
         found = np.zeros_like(near)
         for pairs in search.pairs(pattern.centroids, pattern.panel):

@@ -7,8 +7,8 @@ import pytest
 from helpers.scenes import square, table
 from mpi4py import MPI
 
-from toros_fem.design.density.field import random_density
 from toros_fem.design.density.perimeter import Perimeter, edge_factor
+from toros_fem.design.loop.fields import random_density
 from toros_fem.meshes import Skin, sew
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from helpers.tiles import SIDE, random_cells, solver_of, tile_of
 
-from toros_fem.design.density.filters import cone_filter, helmholtz_filter
-from toros_fem.design.density.linear import group_mean
+from toros_fem.design.density.filters import cone_filter, group_mean, helmholtz_filter
 from toros_fem.meshes import SYMMETRIES
 
 EDGES = 6

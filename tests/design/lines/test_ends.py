@@ -5,10 +5,9 @@ from mpi4py import MPI
 
 from toros_fem.design.lines.centre_lines import CentreLine, LinesOfFamily
 from toros_fem.design.lines.ends import Net
-from toros_fem.design.lines.field import LineField, LineOptions
+from toros_fem.design.lines.field import LineField, LineOptions, in_plane, make_line_mesh
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.line_mesh import in_plane, make_line_mesh
 from toros_fem.meshes.makers.sheets import disc, one_panel, rectangle
 from toros_fem.meshes.pattern import Pattern
 

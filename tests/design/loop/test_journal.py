@@ -16,10 +16,8 @@ from toros_fem.design.loop.journal import kept_evaluation, restored_evaluation, 
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
-from toros_fem.design.loop.steps import Steps
-from toros_fem.design.loop.variables import Variables
-from toros_fem.design.relaxed.families import FixedDirections
-from toros_fem.design.relaxed.problem import relaxed_problem
+from toros_fem.design.loop.steps import Steps, Variables
+from toros_fem.design.relaxed.problem import FixedDirections, relaxed_problem
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.meshes import Skin, cylinder, sew
 

@@ -8,7 +8,7 @@ import pytest
 from helpers.designs import full, make_problem
 from helpers.standing import solver_on_base
 
-from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import random_density
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage, growth_of_miss
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError

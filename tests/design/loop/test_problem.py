@@ -7,7 +7,7 @@ from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 from toros_fem.base.mpi import norm
-from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import random_density
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
 

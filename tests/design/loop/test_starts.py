@@ -10,11 +10,10 @@ from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.design.loop.levels import optimize_levels
+from toros_fem.design.loop.levels import best_start, optimize_levels
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.design.loop.starts import best_start
+from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.meshes import cylinder, sew
 
 OPTIONS = DesignOptions((Stage(3),))
@@ -68,7 +67,7 @@ def test_starts_without_an_equilibrium(alone: MPI.Comm, monkeypatch: pytest.Monk
             raise errors.NoEquilibriumError(f"no equilibrium for seed {seed}")
         return optimize(problem, options, seed=seed)
 
-    monkeypatch.setattr("toros_fem.design.loop.starts.optimize", some)
+    monkeypatch.setattr("toros_fem.design.loop.levels.optimize", some)
     found = best_start(alone, tube, OPTIONS, [1, 2, 3])
     assert found.objectives[1] == np.inf
     assert found.seed in (2, 3)
@@ -87,8 +86,8 @@ def test_kept_widths_count_more_than_the_objective(
         final = SimpleNamespace(objective=1 / seed, length_scale=np.array([0.0, 0.07 * seed]))
         return SimpleNamespace(problem=problem, final=final)
 
-    monkeypatch.setattr("toros_fem.design.loop.starts.optimize", made)
-    monkeypatch.setattr("toros_fem.design.loop.starts.gathered", lambda result: result)
+    monkeypatch.setattr("toros_fem.design.loop.levels.optimize", made)
+    monkeypatch.setattr("toros_fem.design.loop.levels.gathered", lambda result: result)
     for constrained, seed in ((True, 1), (False, 2)):
         options = DesignOptions((Stage(3, constrained=constrained),))
         assert best_start(alone, lambda _: problem, options, [1, 2]).seed == seed

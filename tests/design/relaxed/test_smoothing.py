@@ -5,8 +5,7 @@ import pytest
 from helpers.line_fields import two_sheets
 from mpi4py import MPI
 
-from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
-from toros_fem.design.relaxed.problem import smoothing
+from toros_fem.design.relaxed.problem import FixedDirections, FreeDirections, smoothing
 from toros_fem.meshes import sew
 
 

@@ -9,14 +9,12 @@ from helpers.designs import full, passive_in, problem_of
 from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, PatternError
-from toros_fem.design.density.field import random_density
-from toros_fem.design.loop.fields import densities_of
+from toros_fem.design.loop.fields import densities_of, random_density
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed.as_printed import as_printed, contour_values
-from toros_fem.making.as_printed.free_islands import polished, without_free_islands
+from toros_fem.making.as_printed import as_printed, contour_values, polished, without_free_islands
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

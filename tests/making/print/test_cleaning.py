@@ -12,8 +12,12 @@ from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.print.cleaning import CleanedRegions, MirroredPanels, Panels, clean
-from toros_fem.making.print.islands import find_pieces
-from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits, printability
+from toros_fem.making.print.printability import (
+    DEFAULT_LIMITS,
+    PrintLimits,
+    find_pieces,
+    printability,
+)
 from toros_fem.making.print.regions import beyond_seams, part_regions
 from toros_fem.meshes import Pattern, cylinder
 from toros_fem.meshes.mirror import mirrored

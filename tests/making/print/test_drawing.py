@@ -10,7 +10,7 @@ import shapely
 from mpi4py import MPI
 
 from toros_fem.base.errors import FileError, ParameterError
-from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.making.print.drawing import read_drawing, write_template
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern

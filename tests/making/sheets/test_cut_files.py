@@ -13,8 +13,8 @@ from ezdxf.entitydb import EntityDB
 from helpers.panels import pattern_of, striped
 
 from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.marks import Label
 from toros_fem.making.panels.panel_drawing import panel_drawings
-from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.sheets.layout import CutSheet
 from toros_fem.making.sheets.write import cut_dxf, cut_svg, outlines
 from toros_fem.meshes.affine import Affine

@@ -8,10 +8,9 @@ import pytest
 from helpers.panels import pattern_of, striped
 
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
-from toros_fem.making.panels.svg import CAPITAL
+from toros_fem.making.panels.panel_drawing import CAPITAL, PanelDrawing, panel_drawings
 from toros_fem.making.sheets.layout import CutSheet
-from toros_fem.making.sheets.page import seam_picture, sheet_picture
+from toros_fem.making.sheets.manifest import seam_picture, sheet_picture
 from toros_fem.meshes.affine import Affine
 
 SIZE = (0.3, 0.2)

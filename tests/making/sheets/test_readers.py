@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.files import write_json
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.print.polygons import even_odd
+from toros_fem.making.print.contours import even_odd
 from toros_fem.making.sheets.layout import Manufacture, manufacture
 from toros_fem.making.sheets.manifest import NAME, manifest
 from toros_fem.making.sheets.write import machine_files

@@ -13,7 +13,7 @@ from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_ou
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.meshes import sew
 from toros_fem.products.gripper import gripper
-from toros_fem.products.gripper.lift import ALONG
+from toros_fem.products.gripper.load import ALONG
 
 pytest.importorskip("ipctk")
 

@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.base.mpi import total
-from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import random_density
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
 from toros_fem.mechanics.skin.load import Load

@@ -8,12 +8,12 @@ import shapely
 from mpi4py import MPI
 
 from toros_fem.base.errors import PanelError
-from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.fields import random_density
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
-from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.making.as_printed.as_printed import as_printed, printed_lines
+from toros_fem.design.loop.shape_design import ShapeProblem
+from toros_fem.making.as_printed import as_printed, printed_lines
 from toros_fem.measures.cross_sections import (
     CrossSectionObjective,
     CrossSections,

@@ -15,22 +15,34 @@ from mpi4py import MPI
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import changed
-from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.miss import Aim, residuals_of
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.meshes.makers.sheets import rectangle
-from toros_fem.products.actuators import discovery, space_mapping
+from toros_fem.products.actuators import corrections, discovery
+from toros_fem.products.actuators.corrections import (
+    StrainResponse,
+    strains_beyond,
+    strains_to_ask,
+    with_strains,
+)
 from toros_fem.products.actuators.discovery import (
     Discovery,
     densities_from,
     discover,
 )
-from toros_fem.products.actuators.estimates import MeshValues, values_on
-from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
-from toros_fem.products.actuators.mended_lines import WIDER, farthest, mending
-from toros_fem.products.actuators.misses import misses_of
+from toros_fem.products.actuators.estimates import Job, MeshValues, values_on
+from toros_fem.products.actuators.printed_lines import (
+    WIDER,
+    LinePrint,
+    farthest,
+    mending,
+    print_of_lines,
+)
 from toros_fem.products.tubes import bend, twist
+from toros_fem.products.tubes.bend_twist import BendTwistScene
+from toros_fem.products.tubes.contract import ContractScene
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
@@ -46,8 +58,7 @@ TINY = twist.TwistScene().updated(
     relaxed_iterations=3, directions=6, corrections=1, density_iterations=2, cross_sections=4,
     twist=60.0, pressure=8e3, **SHORT,
 )  # fmt: skip
-
-
+LENGTH = 0.06
 PROBLEMS: list[weakref.ref[ShapeDesign]] = []
 
 
@@ -70,7 +81,7 @@ def test_a_round_asks_for_what_the_print_missed(found: Discovery) -> None:
     first, second = found.rounds
     assert first.asked == {"twist_deg": 60.0}
     missed = 60.0 - first.metrics["twist_deg"]
-    step = np.clip(missed / 60, -space_mapping.LARGEST_STEP, space_mapping.LARGEST_STEP)
+    step = np.clip(missed / 60, -corrections.LARGEST_STEP, corrections.LARGEST_STEP)
     assert second.asked["twist_deg"] == pytest.approx(60 * (1 + step))
     assert first.of_metrics == pytest.approx(abs(missed) / 60)
     assert found.best.missed == min(first.missed, second.missed)
@@ -94,9 +105,9 @@ def test_lines_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> No
     """What a change of widths and a warp promise is what the print of the changed lines has."""
     best, made = found.best, found.made
     # New meshes alone change the twist by 0.5 %.
-    aim = space_mapping.Aim(0.97 * best.metrics["twist_deg"], 60.0)
-    misses = replace(misses_of(made.case), aims={"twist_deg": aim}, labels=None)
-    step = mending(made, best.laid, misses)
+    aim = Aim(0.97 * best.metrics["twist_deg"], 60.0)
+    residuals = replace(residuals_of(made.case), aims={"twist_deg": aim}, labels=None)
+    step = mending(made, best.laid, residuals)
     assert step.promised < 0.2 * step.before
     assert np.abs(step.change.widths).max() <= np.log1p(WIDER) + 1e-12
     assert np.abs(step.change.warp).max() <= farthest(best.laid) + 1e-12
@@ -105,10 +116,10 @@ def test_lines_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> No
     job = Job(alone, TINY)
     plain = TINY.case(alone, TINY.print_level)
     after = print_of_lines(job, TINY.print_level, plain, laid, made.shape, best.relaxed.pressures)
-    there = replace(misses_of(after.case), aims={"twist_deg": aim}, labels=None)
+    there = replace(residuals_of(after.case), aims={"twist_deg": aim}, labels=None)
     assert np.linalg.norm(there(after.shape[1])) < 0.5 * step.before
-    far = space_mapping.Aim(9 * best.metrics["twist_deg"], 60.0)
-    assert mending(made, best.laid, replace(misses, aims={"twist_deg": far})) is None
+    far = Aim(9 * best.metrics["twist_deg"], 60.0)
+    assert mending(made, best.laid, replace(residuals, aims={"twist_deg": far})) is None
 
 
 @pytest.mark.parametrize(("before", "after", "misled"), [
@@ -269,7 +280,7 @@ def test_without_any_print_in_equilibrium_the_reason_is_told(
 def test_what_is_asked_next_solves_a_linear_response() -> None:
     """Two metrics that disturb each other: Broyden's steps end at what gives the targets."""
     targets = {"a": 10.0, "b": -2.0}
-    aims = {key: space_mapping.Aim(target, abs(target)) for key, target in targets.items()}
+    aims = {key: Aim(target, abs(target)) for key, target in targets.items()}
     response = np.array([[0.7, 0.1], [-0.4, 0.9]])
     size, rounds = np.array([10.0, 2.0]), []
     asked = dict(targets)
@@ -277,11 +288,93 @@ def test_what_is_asked_next_solves_a_linear_response() -> None:
         scaled = np.array(list(asked.values())) / size
         metrics = dict(zip(targets, size * (response @ scaled + [0.0, 0.1]), strict=True))
         rounds.append(SimpleNamespace(asked=asked, metrics=metrics))
-        asked = space_mapping.asked_next(
-            [r.metrics for r in rounds], [r.asked for r in rounds], aims
-        )
+        asked = corrections.asked_next([r.metrics for r in rounds], [r.asked for r in rounds], aims)
     last = rounds[-1].metrics
     assert last == pytest.approx(targets, rel=1e-4)
     for before, after in pairwise(rounds):
         change = np.array([after.asked[k] - before.asked[k] for k in targets]) / size
-        assert np.abs(change).max() <= space_mapping.LARGEST_STEP + 1e-12
+        assert np.abs(change).max() <= corrections.LARGEST_STEP + 1e-12
+
+
+def case_of(kind: type[Any] = BendTwistScene, **asked: Any) -> Case:
+    """A short tube of a kind, on the mesh of its relaxed design."""
+    scene = kind().updated(length=LENGTH, relaxed_edge_length=4e-3, **asked)
+    found: Case = scene.case(MPI.COMM_SELF, scene.relaxed_level)
+    return found
+
+
+@pytest.mark.parametrize("kind", [BendTwistScene, ContractScene])
+def test_an_asked_shape_has_the_strains_that_are_asked(kind: type[Any]) -> None:
+    """Of the whole tube, and of one that is designed by halves."""
+    case = case_of(kind)
+    residuals = residuals_of(case)
+    rod = residuals.rod(case.goal)
+    more = np.zeros_like(rod.strains)
+    more[:, 1], more[:, 5] = np.linspace(3.0, 6.0, len(more)), 0.04
+    asked = residuals.rod(with_strains(residuals, more).goal)
+    assert asked.strains == pytest.approx(rod.strains + more, abs=1e-6)
+    assert strains_beyond(asked, rod)[1:-1] == pytest.approx(more[1:-1], abs=1e-6)
+    # A print that has all of it is asked for the target next.
+    answer = StrainResponse(more, more)
+    size = np.abs(more).max(axis=0, keepdims=True) + 1e-9
+    assert strains_to_ask(rod, [answer]) / size == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Then other lines are asked for; so they are where no change promises enough."""
+    search: Any = object.__new__(discovery._Search)
+    step = SimpleNamespace(
+        whole=True, before=10.0, promised=1.0, halved=SimpleNamespace(whole=False)
+    )
+    made: list[Any] = []
+    monkeypatch.setattr(search, "_mended", lambda best, step: made.append(step), raising=False)
+    monkeypatch.setattr(search, "_asked_again", lambda _: made.append("asked"), raising=False)
+    monkeypatch.setattr(search, "_mending", lambda _: step, raising=False)
+
+    def a_round(missed: float, mended: Any = None) -> Any:
+        return SimpleNamespace(missed=missed, mended=mended, error=0.03 * missed)
+
+    def again(rounds: list[Any]) -> None:
+        search.best = min(rounds, key=lambda one: one.missed), made
+        search.again(rounds)
+
+    first = a_round(10.0)
+    for rounds in (
+        [first],
+        [first, a_round(4.0, step)],
+        [first, a_round(12.0, step)],
+        [first, a_round(12.0, step), a_round(11.0, step.halved)],
+    ):
+        again(rounds)
+    assert made == [step, step, step.halved, "asked"]
+    small = SimpleNamespace(before=10.0, promised=6.0)
+    monkeypatch.setattr(search, "_mending", lambda _: small)
+    again([first])
+    assert made[-1] == "asked", "far from the target"
+    again([a_round(1.0)])
+    assert made[-1] is small, "near it"
+    monkeypatch.setattr(search, "_mending", lambda _: None)
+    again([a_round(1.0)])
+    assert made[-1] == "asked"
+
+
+def test_two_rounds_without_progress_end_a_search() -> None:
+    search = object.__new__(discovery._Search)
+
+    def ends(*errors: float) -> bool:
+        rounds: list[Any] = [
+            SimpleNamespace(
+                error=error, of_metrics=error, of_shape=error, failure="", mended=None,
+                compared=False,
+            )
+            for error in errors
+        ]  # fmt: skip
+        return search.enough(rounds)
+
+    assert not ends(1.0)
+    assert not ends(1.0, 0.9)
+    assert ends(1.0, 0.9, 0.8)
+    assert not ends(1.0, 0.9, 0.65), "progress decides, not the number of rounds"
+    assert not ends(1.0, 0.65, 0.6, 0.44, 0.41)
+    assert ends(1.0, 0.65, 0.6, 0.44, 0.43, 0.42)
+    assert ends(1.0, 0.004), "it is reached"

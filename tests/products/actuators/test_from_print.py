@@ -12,12 +12,11 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import PanelError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.design.loop.carried import CarriedDesign
+from toros_fem.design.loop.fields import CarriedDesign
 from toros_fem.design.loop.levels import optimize_levels
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.making.print.print_file import NAME, write_print_polygons
-from toros_fem.making.print.printability import DEFAULT_LIMITS
-from toros_fem.products.actuators import densities
+from toros_fem.making.print.printability import DEFAULT_LIMITS, PRINT, write_print_polygons
+from toros_fem.products.actuators import designer
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 
@@ -47,7 +46,7 @@ def test_a_print_of_another_size_is_the_start(
     fraction = first.regions[wall].area / first.pattern.areas[first.pattern.cells_of("wall")].sum()
     other = SMALL.updated(length=0.06, angle=60.0)
     lines = SMALL.updated(start="relaxed", print_edge_length=2.2e-3, laid_width=2.5e-3)
-    monkeypatch.setattr(densities, "optimize_levels", designed)
+    monkeypatch.setattr(designer, "optimize_levels", designed)
     for scene in (other, lines):
         place = folder / scene.design.start
         found = scene.run_design(comm, place, {"start_from": folder / "first"})
@@ -65,7 +64,7 @@ def test_a_print_of_another_skin_is_refused(comm: MPI.Comm, tmp_path: Path) -> N
     folder, pattern = shared(comm, tmp_path), square(n=2)
     regions = [shapely.box(0, 0, *np.ptp(pattern.flat_points, axis=0) / 2)]
     on_first_rank(
-        comm, lambda: write_print_polygons(folder / NAME, pattern, regions, DEFAULT_LIMITS)
+        comm, lambda: write_print_polygons(folder / PRINT, pattern, regions, DEFAULT_LIMITS)
     )
     with pytest.raises(PanelError, match="is the design of another skin"):
         SMALL.run_design(comm, folder / "run", {"start_from": folder})

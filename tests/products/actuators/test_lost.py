@@ -11,8 +11,8 @@ from helpers.designs import DESIGN_ALONE
 from mpi4py import MPI
 
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.products.actuators import densities
-from toros_fem.products.actuators.densities import ANOTHER_SEED, DensityDesigner, other_ways
+from toros_fem.products.actuators import designer
+from toros_fem.products.actuators.designer import ANOTHER_SEED, DensityDesigner, other_ways
 from toros_fem.products.tubes.bend import BendScene
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
@@ -50,8 +50,8 @@ def test_a_lost_design_is_tried_otherwise(
             known.append((printed, next(worsts, 9.0)))
         return next(value for one, value in known if one is printed)
 
-    def lost(designer: DensityDesigner, result: Any, printed: Any) -> bool:
-        designer.worst(printed)
+    def lost(self: DensityDesigner, result: Any, printed: Any) -> bool:
+        self.worst(printed)
         seen.append(result)
         return len(seen) <= kept_by
 
@@ -90,13 +90,13 @@ def test_bridged_islands_are_left_out_where_that_is_better(
         prints.append(SimpleNamespace(cleaned=SimpleNamespace(bridged=("one",)), number=len(asked)))
         return prints[-1]
 
-    monkeypatch.setattr(densities, "as_printed", as_printed)
-    monkeypatch.setattr(densities, "problem_of", lambda result: None)
+    monkeypatch.setattr(designer, "as_printed", as_printed)
+    monkeypatch.setattr(designer, "problem_of", lambda result: None)
     monkeypatch.setattr(DensityDesigner, "trimmed", lambda _, printed: printed)
     monkeypatch.setattr(DensityDesigner, "worst", lambda _, one: worsts[one.number - 1])
     scene = SCENE.updated(island_area=20e-6)
     reporter: Any = None
-    designer = DensityDesigner(comm=alone, scene=scene, reporter=reporter)
+    begun = DensityDesigner(comm=alone, scene=scene, reporter=reporter)
     result: Any = None
-    assert designer.print_of(result) is prints[taken]
+    assert begun.print_of(result) is prints[taken]
     assert asked == areas

@@ -19,14 +19,14 @@ from shapely import Polygon
 
 from toros_fem.base.array_types import Bools
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.materials.sheet import Bending, Composite, Material
 from toros_fem.measures.metrics import Measurement, Metric, bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.meshes import Skin, cylinder, moulded, sew
-from toros_fem.products.actuators.pressure_curve import (
+from toros_fem.products.actuators.pressure import (
     HALVINGS,
     PARTS,
     CurveFigures,
@@ -34,7 +34,7 @@ from toros_fem.products.actuators.pressure_curve import (
     write_curve,
 )
 from toros_fem.products.tables.loads import ResultTable
-from toros_fem.results.frames.files import read_frames
+from toros_fem.results.runs.frames import read_frames
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))
 Print = Evaluation[Equilibrium]

@@ -17,20 +17,19 @@ from toros_fem.design.loop import fields
 from toros_fem.design.loop.case import PRESSURE_WEIGHT, Case
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.loop import optimize
-from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.measures.figures import largest_part
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.meshes import Skin, bend
 from toros_fem.products.actuators import designer
-from toros_fem.products.actuators.densities import DensityDesigner
-from toros_fem.products.actuators.pressure_curve import NOT_FROM_REST, OTHER_SHAPE, CurveFigures
+from toros_fem.products.actuators.designer import DensityDesigner
+from toros_fem.products.actuators.pressure import NOT_FROM_REST, OTHER_SHAPE, CurveFigures
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tubes import bend as bend_demo
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
-from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.frames import FOLDER, Frame, read_frames
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
@@ -124,7 +123,7 @@ def test_a_print_that_misses_is_polished_from_each_pattern(
         polishes.append(found.final.objective)
         return found
 
-    monkeypatch.setattr("toros_fem.products.actuators.densities.optimize", counted)
+    monkeypatch.setattr("toros_fem.products.actuators.designer.optimize", counted)
     worst_of, misses = DensityDesigner.worst, list[float]()
 
     def noted(self: DensityDesigner, printed: Any) -> float:

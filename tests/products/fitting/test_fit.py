@@ -5,7 +5,7 @@ import pytest
 from helpers.tensile_tests import C1, C2, JERSEY, TRUE, synthetic
 
 from toros_fem import fit_material
-from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.samples import TensileTest
 from toros_fem.products.options import FitOptions
 
 FEW = FitOptions(draws=40)

@@ -7,7 +7,7 @@ import pytest
 
 from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.products.fitting.reading import Given, read_tensile_tests
-from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.samples import TensileTest
 
 STRAIN = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
 FORCE = np.array([0.0, 1.0, 2.1, 3.3, 4.8, 7.0])

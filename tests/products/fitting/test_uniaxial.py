@@ -10,9 +10,9 @@ from helpers.tensile_tests import uniaxial_curve
 from scipy.optimize import brentq
 
 from toros_fem.materials.sheet import Composite, Knit, Material
-from toros_fem.products.fitting.parameters import Scales
 from toros_fem.products.fitting.uniaxial import (
     Coefficients,
+    Scales,
     lateral_strain,
     tension,
 )

@@ -5,7 +5,7 @@ import pytest
 
 from toros_fem.measures.gap import Body
 from toros_fem.meshes.surfaces.surface import volume
-from toros_fem.products.gripper.lift import in_room, solid
+from toros_fem.products.gripper.load import in_room, solid
 
 BALL = Body("sphere", 0.04, (0.03, 0.0, 0.02))
 

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from toros_fem import errors
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.cli.scene_files import scene_text
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.shape import ShapePart
 from toros_fem.meshes import triangle_limit
@@ -27,7 +27,7 @@ from toros_fem.products.own_mesh.own_mesh import (
     OwnSkin,
     read_skin,
 )
-from toros_fem.results.runs.summary_file import summary_of
+from toros_fem.results.runs.stored_run import summary_of
 
 pytestmark = pytest.mark.usefixtures("few_pictures")
 FINGER_SKIN = meshio.read(FINGER)

@@ -5,7 +5,7 @@ from mpi4py import MPI
 
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.own_mesh.regions import Region
+from toros_fem.products.own_mesh.metrics import Region
 
 
 def test_regions_of_a_skin(alone: MPI.Comm) -> None:

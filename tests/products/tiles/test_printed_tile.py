@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.base.archive import read_archive, write_archive
-from toros_fem.products.tiles.printed_tile import (
+from toros_fem.products.tiles.report import (
     NAME,
     PrintedTile,
     print_layout,

@@ -28,7 +28,7 @@ from helpers.tiles import (
 from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import random_density
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.result import ToleranceResult
+from toros_fem.products.tolerance.simulated import ToleranceResult
 
 
 @pytest.fixture(scope="session")

@@ -19,8 +19,7 @@ import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.meshes import Pattern
 from toros_fem.products.tolerance.of_run import by_size, plot_tolerances, write_tolerances
-from toros_fem.products.tolerance.result import ToleranceResult
-from toros_fem.products.tolerance.simulated import broken_lines, offset_print
+from toros_fem.products.tolerance.simulated import ToleranceResult, broken_lines, offset_print
 
 KEYS = ("objective", "angle_deg", "length_ratio")
 QUANTITIES = (

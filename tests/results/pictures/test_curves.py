@@ -10,7 +10,7 @@ from matplotlib.text import Annotation
 from toros_fem.measures.figures import Figure
 from toros_fem.results.pictures.curves import draw_curve, draw_history, draw_tracks
 from toros_fem.results.pictures.style import bar_length, page
-from toros_fem.results.runs.run_folder import Measured, StoredCurve
+from toros_fem.results.runs.stored_run import Measured, StoredCurve
 
 ROWS = [
     {"pressure_pa": 1e3 * k, "angle_deg": 20.0 * k, "twist_deg": 5.0 * k, "length_ratio": 1 + k / 9}

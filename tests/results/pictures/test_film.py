@@ -12,7 +12,7 @@ from PIL import Image, ImageSequence
 from toros_fem.base.errors import OutputError
 from toros_fem.results.pictures import film
 from toros_fem.results.pictures.film import write_animation
-from toros_fem.results.runs.run_folder import read_run
+from toros_fem.results.runs.stored_run import read_run
 
 pytestmark = pytest.mark.usefixtures("rough")
 

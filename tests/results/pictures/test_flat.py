@@ -24,10 +24,10 @@ from toros_fem.results.pictures.flat import (
     draw_lines,
     draw_panels,
     draw_pattern,
+    draw_unwrapped,
     draw_wrinkles,
 )
 from toros_fem.results.pictures.style import ACCENT, TALL, page
-from toros_fem.results.pictures.unwrapped import draw_unwrapped
 
 LIMITS = PrintLimits()
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toros_fem.results.pictures.inflation import GAP, NAME_ABOVE, NAME_ACROSS, arrange
+from toros_fem.results.pictures.of_run import GAP, NAME_ABOVE, NAME_ACROSS, arrange
 
 PAGE = np.array([400.0, 180.0])  # points
 

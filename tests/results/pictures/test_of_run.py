@@ -8,12 +8,11 @@ from helpers.runs import change_summary, regions_of
 from PIL import Image
 
 from toros_fem.base.errors import FileError
-from toros_fem.making.print.print_file import write_print_polygons
-from toros_fem.making.print.printability import PrintLimits
+from toros_fem.making.print.printability import PrintLimits, write_print_polygons
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.of_run import _Pictures, draw_run, facts_of, sentence
-from toros_fem.results.runs.run_folder import read_run
+from toros_fem.results.runs.stored_run import read_run
 
 pytestmark = pytest.mark.usefixtures("rough")
 MOST = 500_000

@@ -18,13 +18,12 @@ from toros_fem.measures.figures import Figure
 from toros_fem.measures.miss import shape_figures
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.meshes import Pattern, bend, twist
-from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.pictures.inflation import draw_inflation
+from toros_fem.results.pictures.of_run import draw_inflation
+from toros_fem.results.pictures.raster import View
 from toros_fem.results.pictures.shapes import draw_miss, draw_shape, plot_states, scenery, verdict
-from toros_fem.results.pictures.shown import DrawnSkin, visible
-from toros_fem.results.pictures.stage import Axonometry
+from toros_fem.results.pictures.shown import Axonometry, DrawnSkin, visible
 from toros_fem.results.pictures.style import ACCENT, DARK, SOFT, page
-from toros_fem.results.pictures.view import View
+from toros_fem.results.runs.frames import ShownSkin
 
 pytestmark = pytest.mark.usefixtures("rough")
 

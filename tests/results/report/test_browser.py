@@ -9,10 +9,8 @@ from helpers.runs import change_summary, regions_of, tube, write_run
 
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.meshes import Pattern
-from toros_fem.results.frames.files import Frame, write_frame
-from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
-from toros_fem.results.report.notebook import read_summary
-from toros_fem.results.report.page_file import write_report
+from toros_fem.results.report.page_file import read_summary, write_report
+from toros_fem.results.runs.frames import Frame, ShownSkin, write_frame, write_skin
 
 pytestmark = [
     pytest.mark.slow,

@@ -12,7 +12,7 @@ from helpers.runs import change_summary, tube, write_run
 from toros_fem.measures.figures import Figure
 from toros_fem.results.pictures.curves import draw_history, draw_over_pressure
 from toros_fem.results.report.charts import chart, over_iterations, over_pressure
-from toros_fem.results.runs.run_folder import Measured, StoredCurve, read_run
+from toros_fem.results.runs.stored_run import Measured, StoredCurve, read_run
 
 ANGLE = Figure("angle", "deg", 30.0)
 

@@ -16,7 +16,7 @@ from toros_fem.base.errors import CheckpointError, OutputError, RunStoppedError
 from toros_fem.design.loop.options import Iteration
 from toros_fem.products.tubes import twist
 from toros_fem.results.reporter import DesignReporter
-from toros_fem.results.runs.folder import FREE, open_run
+from toros_fem.results.runs.open_run import FREE, open_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 

@@ -13,7 +13,7 @@ from helpers.run_files import content
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from toros_fem.results.runs.summary_file import summary_of
+from toros_fem.results.runs.stored_run import summary_of
 
 # Under mpirun a child process would act as one of its ranks.
 pytestmark = [

@@ -11,9 +11,8 @@ from mpi4py import MPI
 from toros_fem.measures.figures import Figure
 from toros_fem.results.pictures.curves import last_tested
 from toros_fem.results.result import RunResult, write_summary
-from toros_fem.results.runs.folder import open_run
-from toros_fem.results.runs.run_folder import StoredCurve
-from toros_fem.results.runs.warnings import known_use, notes_at, warnings_of
+from toros_fem.results.runs.open_run import open_run
+from toros_fem.results.runs.stored_run import StoredCurve, known_use, notes_at, warnings_of
 
 
 class Told(RunResult):

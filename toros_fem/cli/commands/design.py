@@ -1,19 +1,255 @@
-"""`toros design`: a pattern for a scene."""
+"""`toros check`, `design`, `simulate`, `resume` and `study`: what is done with a scene."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar
+import logging
+import math
+from contextlib import AbstractContextManager
+from dataclasses import MISSING, asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import File, Flag, key
-from toros_fem.cli.command_line.command import Answer
-from toros_fem.cli.command_line.exit_codes import UsageError
-from toros_fem.cli.command_line.scene_options import RunCommand
+from toros_fem.base.keys import Count, File, Flag, Text, key
+from toros_fem.cli.command import Answer, Command
+from toros_fem.cli.commands.doctor import memory_gib
+from toros_fem.cli.process import (
+    DONE,
+    NO_EQUILIBRIUM,
+    UsageError,
+)
+from toros_fem.measures.figures import formatted
+from toros_fem.mechanics.readings.bare_tube import tube_pressure, tube_strains
+from toros_fem.products.kinds import ABOUT
 
 if TYPE_CHECKING:
-    from toros_fem.cli.scene_files.reading import SceneFile
+    from toros_fem.cli.scene_files import SceneFile
+    from toros_fem.products.actuators.cost import Cost
+    from toros_fem.products.plausibility import Inflated
+
+log = logging.getLogger(__name__)
+
+BED = (
+    "After the design, make the machine files by `toros export RUN` with --bed-width and "
+    "--bed-depth:"
+)
+# Part of the machine's memory above which a run is warned of.
+CROWDED = 0.8
+
+
+class Progress(Command, kw_only=True):
+    """What is reported and stored while it runs."""
+
+    every: Count = key(2, "iterations between two writes of the state")
+    verbose: Flag = key(False, "print every Newton step")
+    petsc: Text = key(
+        "",
+        "options of PETSc for the equilibrium solver, each with the prefix -toros_, as in the "
+        "variable PETSC_OPTIONS: '-toros_snes_monitor -toros_snes_rtol 1e-8'",
+    )
+
+    TAKES: ClassVar = {"petsc": "OPTIONS"}
+
+    def petsc_given(self) -> AbstractContextManager[None]:
+        """Let PETSc have these options in a `with` block."""
+        from toros_fem.mechanics.equilibrium.newton import given_options
+
+        return given_options(self.petsc)
+
+
+class Changes(Command, kw_only=True):
+    """Changes of a scene's values."""
+
+    set: tuple[Text, ...] = key(
+        (),
+        "another value of a key of the scene file, as it would stand there, in its unit or in SI "
+        "units; may be given several times",
+    )
+
+    TAKES: ClassVar = {"set": "KEY=VALUE"}
+
+
+class Meshes(Command, kw_only=True):
+    """Large meshes."""
+
+    allow_large: Flag = key(False, "also allow meshes of more than 2000000 triangles")
+
+    def meshes_allowed(self) -> AbstractContextManager[None]:
+        """Lift the limit on triangles inside a `with` block, if the options ask for it."""
+        from toros_fem.meshes.triangles import MOST_TRIANGLES, triangle_limit
+
+        return triangle_limit(None if self.allow_large else MOST_TRIANGLES)
+
+
+class SceneCommand(Changes, Meshes, kw_only=True):
+    """The scene and its quick variant."""
+
+    file: File = key(MISSING, "scene file, by `toros new`")
+    coarse: Flag = key(False, "the scene's quick variant: a coarse mesh and few steps")
+
+    WORDS: ClassVar[tuple[str, ...]] = ("file",)
+
+    def scene(self, comm: MPI.Comm) -> SceneFile:
+        """Read the scene that the options name, and look for its files (collective)."""
+        from toros_fem.cli.scene_files import read_scene
+
+        scene = read_scene(self.file, comm=comm, coarse=self.coarse, changes=self.set)
+        scene.require_files(comm)
+        if self.coarse and comm.rank == 0:
+            known = scene.config.described()
+            told = [
+                f"{name} = {known[name].written(scene.config.value(name))} (not "
+                f"{known[name].written(value)})"
+                for name, value in scene.instead.items()
+            ]
+            log.info("--coarse takes %s", ", ".join(told) or "what stands there")
+        return scene
+
+
+class RunCommand(SceneCommand, Progress, kw_only=True):
+    """The run's folder."""
+
+    output: File | None = key(
+        None,
+        "folder of the run, made if missing, and refused if it is not empty; none: named after the "
+        'file, for a simulation with "-simulated"',
+    )
+    overwrite: Flag = key(
+        False, "replace the run in the folder: its own files are removed, all others stay"
+    )
+    metric: tuple[Text, ...] = key(
+        (),
+        'a number more to judge an own mesh by: "bend of z > 70 mm against z < 5 mm", as in the '
+        "tables [[metric]] of its file; measures are bend, turn, twist, length, x, y, z, lean, and "
+        "tip for the last four; may be given several times",
+    )
+    TAKES: ClassVar = {**SceneCommand.TAKES, **Progress.TAKES, "output": "RUN", "metric": "WORDS"}
+
+    def scene(self, comm: MPI.Comm) -> SceneFile:
+        """Read the scene that the options name, with the metrics that they add (collective)."""
+        scene = super().scene(comm)
+        if not self.metric:
+            return scene
+        from toros_fem.products.own_mesh.metrics import MetricTable
+        from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
+
+        if not isinstance(scene.config, OwnMeshScene):
+            raise UsageError(
+                f"--metric is for own meshes; scenes of the kind {scene.kind.KIND!r} have "
+                "metrics of their own."
+            )
+        metrics = (*scene.config.metric, *map(MetricTable.from_words, self.metric))
+        return replace(scene, config=scene.config.updated(metric=metrics))
+
+    def run(self, comm: MPI.Comm, scene: SceneFile, name: str, **files: Path | None) -> Answer:
+        """Design or simulate a scene, with files given by options, in its folder (collective)."""
+        from toros_fem.cli.running import files_of, run_scene
+
+        given = {one: path for one, path in files.items() if path is not None}
+        for one in given.keys() - files_of(scene, name):
+            option = "--" + one.replace("_", "-")
+            raise UsageError(
+                f"toros {name}: scenes of the kind {scene.kind.KIND!r} take no {option}."
+            )
+        scene = replace(scene, files={**scene.files, **given})
+        scene.require_files(comm)
+        with self.meshes_allowed(), self.petsc_given():
+            own = f"{self.file.stem}-simulated" if name == "simulate" else self.file.stem
+            folder = self.output or Path(own)
+            return run_scene(
+                comm,
+                scene,
+                name,
+                folder,
+                overwrite=self.overwrite,
+                every=self.every,
+                verbose=self.verbose,
+            )
+
+
+class Check(SceneCommand, kw_only=True):
+    """Reads a scene file and says what is wrong, or how large the design will be.
+
+    An error names file, line and key, and the nearest right key. A warning ("doubt") means that
+    numbers do not fit each other, a pressure and a fabric for instance; what no skin can do is an
+    error. The command also estimates the mesh size and the memory. Meshes of too many triangles
+    are refused before they are made.
+    """
+
+    EXAMPLES: ClassVar = (
+        "toros check mine.toml",
+        'toros check mine.toml --coarse --set edge_length="2 mm"',
+        "toros check mine.toml --json",
+    )
+
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Read the scene, and find its cost (collective)."""
+        from toros_fem.products.plausibility import doubts
+
+        scene = self.scene(comm)
+        figures: dict[str, Any] = {
+            "file": scene.path,
+            "kind": scene.kind.KIND,
+            "coarse": self.coarse,
+            "inputs": scene.config.as_dict(),
+            "materials": {role: entry.name for role, entry in scene.materials.items()},
+        }
+        with self.meshes_allowed(), scene.located():
+            read: Any = scene.config.with_files(comm, scene.files)
+            doubtful = doubts(read)
+            more = {"from_print": True} if "start_from" in scene.files else {}
+            cost = read.expected_cost(comm, **more)
+        doubtful += cost.doubts
+        figures |= {**asdict(cost), "memory_gib": cost.memory / 2**30, "doubts": doubtful}
+        state = "is in order" if not doubtful else "can be read, but is doubtful"
+        lines = [f"{scene.path} {state}: {ABOUT[scene.kind.KIND]}."]
+        lines += [f"doubt       {one}" for one in doubtful]
+        for role, entry in scene.materials.items():
+            lines.append(f"{role:15s}{entry.name}: {entry.title} ({entry.trust})")
+        if (skin := getattr(read, "inflated", None)) is not None:
+            lines.append(_pressure(skin, getattr(read, "needed_strain", None)))
+        if cost.placing:
+            lines.append(f"bed         {BED} {cost.placing}")
+        lines += cost_lines(comm, cost)
+        return Answer("\n".join(lines), figures)
+
+
+def _pressure(skin: Inflated, needed: float | None) -> str:
+    """Return what the pressure does to the bare fabric, and which one the target wants."""
+    load, (around, along) = (
+        skin.load("pressure", skin.pressure),
+        tube_strains(skin.sheet, skin.radius, skin.pressure),
+    )
+    told = (
+        f"pressure    {formatted(skin.pressure, 'pa')} makes the bare skin {around:.0%} wider and "
+        f"{along:.0%} longer (p r/(E h) = {load.value:.2g}); its bound is "
+        f"{skin.sheet.fabric_bounds[0] - 1:.0%}"
+    )
+    if not needed:
+        return told
+    enough = tube_pressure(skin.sheet, skin.radius, needed)
+    gives = f"from {formatted(enough, 'pa', 2)} on" if math.isfinite(enough) else "at no pressure"
+    more = ", more than is given" if enough > skin.pressure else ""
+    return f"{told}. The target needs {needed:.0%}; the bare skin has that {gives}{more}"
+
+
+def cost_lines(comm: MPI.Comm, found: Cost) -> list[str]:
+    """Return a cost in lines; all ranks may ask."""
+    memory, machine = found.memory / 2**30, memory_gib()
+    if machine is not None and memory > CROWDED * machine and comm.rank == 0:
+        log.warning(
+            "about %.1f GiB are needed, and this machine has %.1f GiB: take longer edges",
+            memory,
+            machine,
+        )
+    there = "" if machine is None else f"; this machine has {machine:.1f} GiB"
+    more = f", {found.largest} on a refined one" * (found.largest > found.triangles)
+    return [
+        f"triangles   about {found.triangles} on the finest mesh{more}",
+        f"unknowns    about {found.unknowns} on the finest mesh",
+        f"memory      about {memory:.1f} GiB (± 25 %){there}",
+    ]
 
 
 class Design(RunCommand, kw_only=True):
@@ -56,10 +292,9 @@ class Design(RunCommand, kw_only=True):
     def _finally(self, comm: MPI.Comm, scene: SceneFile) -> SceneFile:
         """Return the final variant of a scene, and tell its cost (collective)."""
         from toros_fem.base.units import duration
-        from toros_fem.cli.commands.check import cost_lines
         from toros_fem.products.actuators.cost import expected_time
         from toros_fem.products.actuators.scene import ActuatorScene
-        from toros_fem.results.console import print_line
+        from toros_fem.results.reporter import print_line
 
         if self.coarse:
             raise UsageError("--coarse is a preview, and --final is not: leave one of them out.")
@@ -76,3 +311,105 @@ class Design(RunCommand, kw_only=True):
             lines = [*cost_lines(comm, cost), f"time        {low} to {high} on {ranks}"]
             print_line("\n".join(lines))
         return scene
+
+
+class Simulate(RunCommand, kw_only=True):
+    """Inflates a plain skin or a given pattern.
+
+    The pressure rises to the scene's in curve_steps equal steps. The run's folder gets
+    summary.json, curve.csv, skin.vtu and pictures.
+    """
+
+    pattern: File | None = key(
+        None,
+        "folder of a finished design whose print is simulated; none: the skin where only what the "
+        "scene prescribes is printed",
+    )
+
+    TAKES: ClassVar = {**RunCommand.TAKES, "pattern": "DESIGN"}
+    EXAMPLES: ClassVar = (
+        "toros simulate mine.toml --output plain",
+        'toros simulate mine.toml --output other --pattern designed --set pressure="8 kPa"',
+        "mpirun -n 2 toros simulate mine.toml --output plain --coarse",
+    )
+
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Simulate in the run's folder (collective)."""
+        return self.run(comm, self.scene(comm), "simulate", pattern=self.pattern)
+
+
+class Resume(Changes, Meshes, Progress, kw_only=True):
+    """Continues a run that was stopped, or one that should go further.
+
+    The run continues from its last state, with the inputs that it began with (RUN/scene.toml), on
+    any number of ranks. On the same number its result is the same to the last digit. By --set it
+    takes other numbers of steps and corrections, another curve, other tolerances or a check on a
+    finer mesh, by which other lines may be printed; a finished run then goes on too. For other
+    changes start a new run.
+    """
+
+    run: File = key(MISSING, "folder of the run")
+
+    WORDS: ClassVar = ("run",)
+    TAKES: ClassVar = {**Changes.TAKES, **Progress.TAKES}
+    EXAMPLES: ClassVar = (
+        "toros resume run",
+        "toros resume run --set corrections=3 --set curve_pressure='30 kPa'",
+        "mpirun -n 2 toros resume run",
+    )
+
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Go on with the run (collective)."""
+        from toros_fem.cli.running import resume_scene
+        from toros_fem.meshes.triangles import triangle_limit
+
+        # What the run began with was allowed.
+        allowed = self.meshes_allowed() if self.set else triangle_limit(None)
+        with self.petsc_given(), allowed:
+            return resume_scene(comm, self.run, self.set, every=self.every, verbose=self.verbose)
+
+
+class Study(SceneCommand, kw_only=True):
+    """Runs a scene with all combinations of some values, and tabulates the results.
+
+    Each run has its own folder in that of the study. study.csv has a row for each run, with its
+    values and all results; study.png draws them. The same command continues a study that was
+    stopped: finished runs are kept, stopped ones continue, and you may give more values.
+    """
+
+    over: tuple[Text, ...] = key(
+        MISSING,
+        "values of a key: a list with commas, LOW..HIGH:COUNT for even steps, LOW..HIGH for whole "
+        "numbers; may be given several times",
+    )
+    output: File = key(MISSING, "folder of the study, made if missing")
+    simulate: Flag = key(False, "simulate each scene, and design nothing")
+
+    TAKES: ClassVar = {**SceneCommand.TAKES, "over": "KEY=VALUES", "output": "STUDY"}
+    EXAMPLES: ClassVar = (
+        "toros study mine.toml --over pressure=2..10kPa:5 --over seed=1..4 --output study",
+        "toros study mine.toml --over fabric=jersey-light,stockinette-course --coarse --output s",
+        "mpirun -n 2 toros study mine.toml --over seed=1..4 --output study",
+    )
+
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Run all of them, one after the other (collective)."""
+        from toros_fem.cli.running import TABLE, run_study
+
+        command = "simulate" if self.simulate else "design"
+        with self.meshes_allowed():
+            rows = run_study(
+                comm,
+                self.file,
+                self.over,
+                self.output,
+                command=command,
+                coarse=self.coarse,
+                changes=self.set,
+            )
+        failed = sum(bool(row["failure"]) for row in rows)
+        text = f"{self.output / TABLE}: {len(rows)} runs"
+        if failed:
+            text += f", {failed} of them without a result (see the column failure)"
+        code = NO_EQUILIBRIUM if failed else DONE
+        return Answer(text, {"table": self.output / TABLE, "rows": rows}, code)

@@ -1,4 +1,4 @@
-"""`toros doctor`: what the package runs on, and whether it works."""
+"""`toros doctor`: what the package runs on."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from mpi4py import MPI
 from toros_fem.base.keys import Flag, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import versions
-from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.needs import MISSING, lacking, lacking_to_compile
+from toros_fem.cli.command import Answer, Command
+from toros_fem.cli.process import MISSING, lacking, lacking_to_compile
 
 PACKAGES = (
     "mpi4py", "scipy", "gmsh", "meshio", "h5py", "shapely", "tqdm", "cvxopt", "jinja2",

@@ -1,17 +1,19 @@
-"""`toros export`: the files for printer and cutter, from what a run has stored."""
+"""`toros view` and `toros export`: a run as a page and a film, and its machine files again."""
 
 from __future__ import annotations
 
 import logging
+import webbrowser
 from dataclasses import MISSING
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
 
 from mpi4py import MPI
 
 from toros_fem.base.files import guarded, if_plotting
-from toros_fem.base.keys import File, key
+from toros_fem.base.keys import File, Flag, OneOf, key
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command import Answer, Command
 from toros_fem.making.options import ManufactureOptions
 
 log = logging.getLogger(__name__)
@@ -19,6 +21,45 @@ UNKNOWN_HEIGHT = (
     "%s has no summary.json, which tells the height of the print: %g mm is taken. Give "
     "--layer-height."
 )
+
+
+class View(Command, kw_only=True):
+    """Writes the report of a run, a page for the browser.
+
+    RUN/report.html shows the skin in space, over the pressure and over the iterations, its flat
+    pattern, the curves and all figures. It needs no network. A run that is not finished is
+    shown as far as it has come.
+    """
+
+    run: File = key(MISSING, "folder of the run")
+    animation: Annotated[str, OneOf(("pressure", "iteration", "gait", "load"))] | None = key(
+        None, "also write a film of the shapes over a series, as GIF and APNG"
+    )
+    open: Flag = key(False, "open the page in the browser")
+
+    WORDS: ClassVar = ("run",)
+    TAKES: ClassVar = {"animation": "SERIES"}
+    EXAMPLES: ClassVar = (
+        "toros view run",
+        "toros view run --open",
+        "toros view run --animation pressure",
+    )
+
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Write the page, and the animation (collective)."""
+        from toros_fem.results.pictures.film import write_animation
+        from toros_fem.results.report.page_file import write_report
+
+        def write() -> tuple[Path, Path | None]:
+            page = write_report(self.run)
+            film = None if self.animation is None else write_animation(self.run, self.animation)
+            if self.open:
+                webbrowser.open(page.resolve().as_uri())
+            return page, film
+
+        page, film = on_first_rank(comm, write)
+        files = [str(path) for path in (page, film) if path is not None]
+        return Answer("\n".join(files), {"report": page, "animation": film})
 
 
 class Export(Command, ManufactureOptions, kw_only=True):
@@ -47,15 +88,19 @@ class Export(Command, ManufactureOptions, kw_only=True):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Write the files (collective)."""
-        from toros_fem.making.panels.svg import write_svg
-        from toros_fem.making.print.print_file import NAME as PRINT
-        from toros_fem.making.print.print_file import read_print_polygons, write_print_polygons
-        from toros_fem.making.print.printability import printability, printed_cells
+        from toros_fem.making.panels.panel_drawing import write_svg
+        from toros_fem.making.print.printability import (
+            PRINT,
+            printability,
+            printed_cells,
+            read_print_polygons,
+            write_print_polygons,
+        )
         from toros_fem.making.sheets.manifest import NAME as MANIFEST
-        from toros_fem.making.sheets.page import NAME as PAGE
+        from toros_fem.making.sheets.manifest import PAGE
         from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture
         from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
-        from toros_fem.results.runs.summary_file import read_content
+        from toros_fem.results.runs.stored_run import read_content
 
         stored = read_print_polygons(comm, self.run)
         run = self.run.parent if self.run.suffix == ".npz" else self.run

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from toros_fem.base.files import require_unused
 from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command import Answer, Command
 from toros_fem.products.options import ForceOptions
 
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from toros_fem.base.errors import OutputError, RunStoppedError, TorosError
 from toros_fem.base.versions import __version__
-from toros_fem.cli.command_line.exit_codes import (
+from toros_fem.cli.process import (
     DONE,
     INTERNAL,
     INTERRUPTED,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from cyclopts import App
     from mpi4py import MPI
 
-    from toros_fem.cli.command_line.command import Answer, Command
+    from toros_fem.cli.command import Answer, Command
 
 # The commands by their words, and what each does, in the order of the help.
 COMMANDS: Mapping[str, str] = MappingProxyType(
@@ -57,12 +57,20 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
         "doctor": "Says what the package runs on, and tries it",
     }
 )
+# The files of commands that share one.
+FILES: Mapping[str, str] = MappingProxyType(
+    {
+        **dict.fromkeys(("check", "simulate", "resume", "study"), "design"),
+        "view": "export",
+        "fit": "materials",
+    }
+)
 ABOUT = "Designs robotic skins: printed patterns that make an inflated fabric bend, twist or grip."
 
 
 def command_of(word: str) -> type[Command]:
     """Return the class of a command, which is loaded."""
-    module = importlib.import_module(f"toros_fem.cli.commands.{word}")
+    module = importlib.import_module(f"toros_fem.cli.commands.{FILES.get(word, word)}")
     found: type[Command] = getattr(module, word.capitalize())
     return found
 
@@ -251,7 +259,7 @@ def _answer(comm: MPI.Comm, words: Sequence[str]) -> Answer | None:
 
 def _failed(comm: MPI.Comm, error: BaseException) -> Answer:
     """Return the answer of an error; a fault ends all ranks, since others may wait for this one."""
-    from toros_fem.cli.command_line.command import Answer
+    from toros_fem.cli.command import Answer
 
     kind = type(error).__name__
     plain = isinstance(error, UsageError | RunStoppedError)

@@ -1,19 +1,30 @@
-"""`toros materials`: the library of fabrics, prints and rubbers, by name."""
+"""`toros materials` and `toros fit`: materials by name, and constants from tensile tests."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import MISSING, replace
+from functools import partial
+from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import File, OneOf, Text, key
+from toros_fem.base.files import require_unused
+from toros_fem.base.keys import File, Flag, Length, OneOf, Table, Text, key
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.units import write_quantity
-from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command import Answer, Command
+from toros_fem.cli.process import UsageError
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.materials.library.material import MATERIAL_KINDS, LibraryMaterial
+from toros_fem.products.options import FitOptions
+
+if TYPE_CHECKING:
+    from toros_fem.products.fitting.fit import FitResult
+    from toros_fem.products.fitting.samples import TensileTest
 
 WIDTH = 96
 # Heading of each kind.
@@ -118,3 +129,126 @@ def _cells(entry: LibraryMaterial) -> dict[str, str]:
         "note": entry.note,
     }
     return {label: str(text) for label, text in cells.items() if text}
+
+
+class _Entry(Table, kw_only=True):
+    """Entry of a file of materials."""
+
+    name: Text | None = key(None, "name of the material; none: no entry")
+    library: File | None = key(
+        None, "file of materials, made if missing, in which NAME is added or replaced"
+    )
+    kind: Annotated[str, OneOf(("fabric", "print"))] = key("fabric", "what it is")
+    with_fabric: Flag = key(False, "a print was tested together with its fabric")
+    source: Text | None = key(None, "where it comes from; none: the specimens")
+
+
+class _Unsaid(Table, kw_only=True):
+    """What the files do not say."""
+
+    thickness: Length | None = key(None, "thickness of the sheet; none: that of the files")
+    width: Length | None = key(None, "width of the strips; none: that of the files")
+    gauge_length: Length | None = key(
+        None, "length that the extension refers to; none: that of the files"
+    )
+    direction: Text | None = key(
+        None, "fit the tests along this direction alone, and those of none; none: all"
+    )
+    unit: tuple[Text, ...] = key(
+        (), "unit of a column, 'force=N', as often as needed; none: that in the header"
+    )
+    column: tuple[Text, ...] = key(
+        (),
+        "name of a column by what it holds, 'force=Channel 3', as often as needed; none: by the "
+        "known names",
+    )
+
+
+class Fit(Command, FitOptions, _Entry, _Unsaid, kw_only=True):
+    """Fits a material to tensile tests.
+
+    CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), with 95 %
+    intervals. The header names the columns with their units: 'strain [%]', 'force [N]',
+    'lateral strain [%]'; tables of test machines are read as they are. Slack, set and break
+    are left out, and told. The folder gets fit.txt, fit.json, fit.csv and fit.png.
+    With a name and a file of materials, scenes can take the material by its name.
+    """
+
+    data: tuple[File, ...] = key(MISSING, "files of the tests, in CSV")
+    output: File = key(Path("fit"), "folder for the report, made if missing")
+    overwrite: Flag = key(False, "replace files of these names in the folder; all others stay")
+
+    WORDS: ClassVar = ("data",)
+    TAKES: ClassVar = {
+        "unit": "COLUMN=UNIT",
+        "column": "COLUMN=NAME",
+        "library": "FILE",
+        "kind": "KIND",
+        "output": "FOLDER",
+        "source": "TEXT",
+    }
+    EXAMPLES: ClassVar = (
+        "toros fit jersey.csv --thickness '0.5 mm'",
+        "toros fit jersey.csv --thickness '0.5 mm' --name my-jersey --library mine.toml",
+        "toros fit course.csv wale.csv --width '25 mm' --thickness '0.5 mm' --output jersey",
+    )
+
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Fit, and write the report and the entry (collective)."""
+        from toros_fem.products.fitting.fit import FILES, fit_table, write_fit
+
+        if (self.name is None) != (self.library is None):
+            raise UsageError("--name and --library belong together: give both, or none.")
+        unused = partial(require_unused, self.output, FILES, overwrite=self.overwrite)
+        on_first_rank(comm, unused)
+        result = on_first_rank(comm, self._material)
+        write_fit(comm, self.output, result)
+        text = f"{fit_table(result)}\nsee {self.output}/"
+        if self.name is not None:
+            text += f"; {self.name} is in {self.library}"
+            text += ', marked as "doubted"' if result.doubted else ""
+        return Answer(text, {"folder": self.output, "library": self.library, **result.summary()})
+
+    def _material(self) -> FitResult:
+        """Return constants, and write them where a name asks for it (one rank)."""
+        from toros_fem.materials.library.files import write_material
+        from toros_fem.products.fitting.fit import fit_material, library_entry
+
+        result = fit_material(self._tests(), self.updating(FitOptions()))
+        if self.name is not None and self.library is not None:
+            said = {name: getattr(self, name) for name in ("kind", "with_fabric", "source")}
+            write_material(self.library, library_entry(result, self.name, **said))
+        return result
+
+    def _tests(self) -> list[TensileTest]:
+        """Return the tests along the direction (one rank)."""
+        from toros_fem.products.fitting.columns import UNITS, WORDS
+        from toros_fem.products.fitting.reading import Given, read_tensile_tests
+
+        units = _pairs("unit", self.unit, tuple(UNITS))
+        columns = _pairs("column", self.column, (*UNITS, *WORDS))
+        given = Given(self.thickness, self.width, self.gauge_length, units=units, columns=columns)
+        tests = read_tensile_tests(self.data, given)
+        if self.direction is None:
+            return tests
+        wanted = self.direction.lower()
+        chosen = [test for test in tests if test.direction in ("", wanted)]
+        if not chosen:
+            known = ", ".join(sorted({repr(test.direction) for test in tests}))
+            raise UsageError(f"--direction {wanted!r}: the tests have the directions {known}.")
+        return [replace(test, direction=wanted) for test in chosen]
+
+
+def _pairs(option: str, texts: tuple[str, ...], known: tuple[str, ...]) -> dict[str, str]:
+    """Return what an option says of columns, by what they hold."""
+    found = {}
+    for text in texts:
+        column, equals, said = text.partition("=")
+        column = " ".join(column.replace("-", " ").lower().split())
+        if not equals or column not in known:
+            raise UsageError(
+                f"--{option} {text!r} must be COLUMN={option.upper().replace('COLUMN', 'NAME')}, "
+                f"with a column of {', '.join(known)}."
+            )
+        found[column] = said.strip()
+    return found

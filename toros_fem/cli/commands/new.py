@@ -15,11 +15,9 @@ from toros_fem.base.files import naming, replace_file
 from toros_fem.base.keys import File, Flag, OneOf, Text, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.program import program
-from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.exit_codes import UsageError
-from toros_fem.cli.scene_files.layout import scene_schema
-from toros_fem.cli.scene_files.materials import KIND_OF, names_of
-from toros_fem.cli.scene_files.writing import scene_text, short_scene_text
+from toros_fem.cli.command import Answer, Command
+from toros_fem.cli.process import UsageError
+from toros_fem.cli.scene_files import KIND_OF, names_of, scene_schema, scene_text, short_scene_text
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.products.kinds import ABOUT, KINDS
 

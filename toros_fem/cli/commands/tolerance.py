@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.files import require_unused
 from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command import Answer, Command
 from toros_fem.products.options import ToleranceConfig
 
 if TYPE_CHECKING:
@@ -67,11 +67,11 @@ def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[s
     """Return scene and files of a finished design of an actuator (collective)."""
     from toros_fem.base.errors import FileError
     from toros_fem.base.mpi import on_first_rank
-    from toros_fem.cli.scene_files.reading import read_scene
+    from toros_fem.cli.scene_files import read_scene
     from toros_fem.products.actuators.scene import ActuatorScene
     from toros_fem.products.kinds import KINDS
     from toros_fem.products.tolerance.of_run import finished_summary
-    from toros_fem.results.runs.files import SCENE
+    from toros_fem.results.runs.stored_run import SCENE
 
     folder = Path(run)
     on_first_rank(comm, lambda: finished_summary(folder))

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.files import guarded, if_plotting, require_unused, write_json
 from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command import Answer, Command
 from toros_fem.products.tables.unwrapping import Unwrapping
 
 FILES = ("pattern.npz", "pattern.svg", "unwrap.png", "surface.vtu", "summary.json")
@@ -46,10 +46,10 @@ class Unwrap(Command, Unwrapping, kw_only=True):
         """Unwrap the surface; write pattern, drawing, picture and fields (collective)."""
         import shapely
 
-        from toros_fem.making.panels.svg import write_svg
+        from toros_fem.making.panels.panel_drawing import write_svg
         from toros_fem.meshes.pattern_file import NAME, write_pattern
-        from toros_fem.results.files import write_fields
-        from toros_fem.results.runs.folder import require_open
+        from toros_fem.results.runs.open_run import require_open
+        from toros_fem.results.writer import write_fields
 
         output = self.output or Path(self.mesh.stem)
         on_first_rank(comm, lambda: require_unused(output, FILES, overwrite=self.overwrite))
@@ -72,8 +72,8 @@ class Unwrap(Command, Unwrapping, kw_only=True):
         }
 
         def draw() -> None:
+            from toros_fem.results.pictures.flat import draw_unwrapped
             from toros_fem.results.pictures.style import TALL, page
-            from toros_fem.results.pictures.unwrapped import draw_unwrapped
 
             with page(output / "unwrap.png", size=TALL) as figure:
                 draw_unwrapped(figure, unwrapped)

@@ -17,7 +17,7 @@ from toros_fem.design.lines.centre_lines import (
     CentreLine,
     LinesOfFamily,
 )
-from toros_fem.design.lines.line_mesh import Complexes, LineMesh
+from toros_fem.design.lines.field import Complexes, LineMesh
 from toros_fem.meshes.mirror import plane_border
 
 # Ways to lead an end on: the angle to the family's direction in degrees, and how much longer than

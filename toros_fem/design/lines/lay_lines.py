@@ -14,13 +14,26 @@ import numpy.typing as npt
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_axes, require_kind
-from toros_fem.design.lines.centre_lines import CentreLine, LinesOfFamily, trace
+from toros_fem.design.lines.centre_lines import (
+    CentreLine,
+    LinesOfFamily,
+    Stripes,
+    Waves,
+    find_stripes,
+    fitting_spacing,
+    trace,
+)
 from toros_fem.design.lines.ends import close_ends
-from toros_fem.design.lines.field import LineField, LineOptions
-from toros_fem.design.lines.laid_lines import LaidLines, with_regions
-from toros_fem.design.lines.line_mesh import Complexes, LineMesh, Values, in_plane, make_line_mesh
-from toros_fem.design.lines.ribbons import kept_width
-from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes, fitting_spacing
+from toros_fem.design.lines.field import (
+    Complexes,
+    LineField,
+    LineMesh,
+    LineOptions,
+    Values,
+    in_plane,
+    make_line_mesh,
+)
+from toros_fem.design.lines.laid_lines import LaidLines, kept_width, with_regions
 from toros_fem.meshes.mirror import mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import refine

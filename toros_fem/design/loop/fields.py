@@ -1,21 +1,39 @@
-"""Design variables of a skin and the fields that they become, eqs. (11, 12)."""
+"""Design variables of a skin and the fields that they become, eqs. (11, 12), on any mesh."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, together, total
-from toros_fem.base.validation import checked_floats
-from toros_fem.design.density.field import random_density
-from toros_fem.design.density.linear import Filter
+from toros_fem.base.validation import checked_floats, require_count
+from toros_fem.design.density.filters import Filter
 from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop.options import Iteration
 from toros_fem.mechanics.skin.designs import check_density
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.transfer import make_transfer
+
+if TYPE_CHECKING:
+    from toros_fem.design.loop.problem import DesignProblem
+
+InitialDensity = tuple[Pattern, Floats]
+
+
+def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1) -> Floats:
+    """Return owned densities drawn uniformly from mean ± spread for each pattern triangle.
+
+    The same seed gives the same density in each triangle on any number of ranks.
+    """
+    require_count(0, seed=seed)
+    drawn = np.random.default_rng(seed).uniform(-1, 1, len(skin.pattern.panel))
+    return np.asarray(mean + spread * drawn[skin.owned_cells])
 
 
 class Fields(Protocol):
@@ -192,3 +210,60 @@ def densities_of(fields: Fields) -> DensityFields:
     """Return fields that are densities."""
     assert isinstance(fields, DensityFields)
     return fields
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedDesign:
+    """A design on every rank, without the problem that it came from.
+
+    Attributes:
+        pattern: The pattern.
+        density: ρ of all triangles, (t,); or all variables of each, (t, k).
+        pressures: Pressure of each chamber in Pa; empty without any.
+        positions: Positions of all vertices, (n, 3), in m; None starts from the assembled shape.
+        projected: ρ̄ of all triangles, (t,), which another mesh starts from, so that its filter sees
+            the lines of the print with sharp borders; None takes ρ there too.
+        level: Number of the mesh that takes it over, from 0, for the rows of its history.
+        history: Rows of the design so far; they come first in the history of the result.
+        seconds: Wall time so far by phase.
+        initial: The whole pattern and the density that the design began with, (t,), for pictures;
+            None where it began with none.
+    """
+
+    pattern: Pattern
+    density: Floats
+    pressures: tuple[float, ...] = ()
+    positions: Floats | None = None
+    projected: Floats | None = None
+    level: int = 0
+    history: tuple[Iteration, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    initial: InitialDensity | None = None
+
+    def on(self, problem: DesignProblem) -> tuple[Floats, Any]:
+        """Return the variables of this rank and a state to start from (collective).
+
+        The problem is the same, on this mesh or on another one of the same panels.
+
+        Raises:
+            PanelError: Its panels are others.
+        """
+        here, there = self.pattern, problem.skin.pattern
+        density, positions = self.density, self.positions
+        same = np.array_equal(here.flat_triangles, there.flat_triangles) and np.array_equal(
+            here.flat_points, there.flat_points
+        )
+        if not same:
+            transfer = make_transfer(here, there)
+            density = transfer.at_cells(density if self.projected is None else self.projected)
+            positions = None if positions is None else transfer.positions(positions)
+        state = None if positions is None else problem.physics.state_at(positions)
+        return density[problem.skin.owned_cells].ravel(), state
+
+
+def initial_density(problem: DesignProblem, density: Floats) -> InitialDensity | None:
+    """Return a density on the whole skin; None where the variables are none (collective)."""
+    if not isinstance(problem.fields, DensityFields):
+        return None
+    cells = problem.skin.gather_cells(problem.fields.with_passive(density))
+    return problem.whole.pattern, problem.whole.at_cells(cells)

@@ -15,7 +15,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError, NoEquilibriumError
 from toros_fem.base.versions import __version__
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
-from toros_fem.design.loop.variables import by_cell
+from toros_fem.design.loop.steps import by_cell
 
 # Kind of the archives: states that any number of ranks can go on from, equal on all ranks.
 KIND = "checkpoint"

@@ -18,7 +18,7 @@ from toros_fem.base.errors import CheckpointError, NoEquilibriumError, Parameter
 from toros_fem.base.mpi import largest, norm, on_first_rank, total
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind
-from toros_fem.design.loop.carried import CarriedDesign, InitialDensity, initial_density
+from toros_fem.design.loop.fields import CarriedDesign, InitialDensity, initial_density
 from toros_fem.design.loop.journal import (
     KIND,
     Journal,
@@ -31,8 +31,7 @@ from toros_fem.design.loop.journal import (
 )
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage, reason_to_end
 from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
-from toros_fem.design.loop.steps import Steps, resolution_of
-from toros_fem.design.loop.variables import Variables, by_cell
+from toros_fem.design.loop.steps import Steps, Variables, by_cell, resolution_of
 from toros_fem.design.mma.optimizer import Functions
 
 # Key of the wall time for meshes, problems and transfers of all levels but the first.

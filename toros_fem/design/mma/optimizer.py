@@ -22,8 +22,7 @@ from toros_fem.base.validation import (
     require_kind,
     require_positive,
 )
-from toros_fem.design.mma.approximation import TINY, Approximation
-from toros_fem.design.mma.subproblem import Penalty, solve_subproblem
+from toros_fem.design.mma.subproblem import TINY, Approximation, Penalty, solve_subproblem
 
 SMALL = 1e-5  # Svanberg's raa0; it keeps the approximations strictly convex
 CURVATURE_DECAY = 0.5  # factor on the curvature of retries in each new step

@@ -14,15 +14,21 @@ from toros_fem.base.keys import Count, Length, Positive, Table, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_count, require_kind
 from toros_fem.design.lines.field import LineField
-from toros_fem.design.loop.carried import CarriedDesign
+from toros_fem.design.loop.fields import CarriedDesign
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.design.loop.variables import by_cell
+from toros_fem.design.loop.shape_design import ShapeProblem
+from toros_fem.design.loop.steps import by_cell
 from toros_fem.design.mma.optimizer import MMAOptions
-from toros_fem.design.relaxed.families import Directions, FixedDirections, FreeDirections, Share
-from toros_fem.design.relaxed.problem import LineShares, relaxed_problem
+from toros_fem.design.relaxed.problem import (
+    Directions,
+    FixedDirections,
+    FreeDirections,
+    LineShares,
+    Share,
+    relaxed_problem,
+)
 from toros_fem.mechanics.skin.designs import crossing_of_widths
 from toros_fem.meshes.pattern import Pattern
 

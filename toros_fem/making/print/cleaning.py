@@ -15,18 +15,23 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
-from toros_fem.making.print.contours import smoothed
-from toros_fem.making.print.islands import PanelRegion, find_holes, find_pieces
-from toros_fem.making.print.polygons import (
+from toros_fem.making.print.contours import (
     QUARTER,
     TOUCHING,
     fabric_of,
     opened,
     pieces_and_holes,
     simplified,
+    smoothed,
     solid,
 )
-from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
+from toros_fem.making.print.printability import (
+    DEFAULT_LIMITS,
+    PanelRegion,
+    PrintLimits,
+    find_holes,
+    find_pieces,
+)
 from toros_fem.making.print.regions import BEYOND, beyond_seams, part_regions, with_more
 from toros_fem.making.print.widths import narrow_discs
 from toros_fem.meshes.affine import Affine

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from functools import reduce
+
 import numpy as np
 import shapely
 from scipy.ndimage import gaussian_filter1d
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.making.print.polygons import changed_border
-from toros_fem.meshes.panels import polygons_of
+from toros_fem.meshes.panels import polygons_of, runs_of_ring
 from toros_fem.meshes.pattern import Pattern
 
+# Two borders closer than this fraction of the resolution are the same.
+TOUCHING = 1e-3
+# Corners of a quarter of a circle.
+QUARTER = 10
+# A change of a part of a border, points (n, 2), that is a whole ring or a run between fixed ends.
+Change = Callable[[Floats, bool], Floats]
 # Values this close to the threshold count as equal to it, so that the contour passes through the
 # vertex. Otherwise rounding would merge corners of very thin polygons.
 SNAP = 1e-9
@@ -20,7 +28,79 @@ STEP = 1 / 6
 # A ring shorter than this many smoothing lengths stays as it is: it would shrink.
 SHORTEST = 6.0
 # Borders closer than this fraction of the smoothing length are the same.
-TOUCHING = 1e-6
+ON_OUTLINE = 1e-6
+
+
+def solid(shape: BaseGeometry, resolution: float) -> BaseGeometry:
+    """Return the polygons of a shape without slivers of rounding, lines and points.
+
+    The resolution is the distance in m of the samples that widths are measured by.
+    """
+    apart = TOUCHING * resolution
+    thick = shape.buffer(-apart, join_style="mitre").buffer(2 * apart, join_style="mitre")
+    return shapely.MultiPolygon(list(polygons_of(shape.intersection(thick))))
+
+
+def fabric_of(region: BaseGeometry, outline: BaseGeometry, resolution: float) -> BaseGeometry:
+    """Return the part of a panel that is not printed, as `solid` does."""
+    return solid(outline.difference(region), resolution)
+
+
+def opened(region: BaseGeometry, radius: float) -> BaseGeometry:
+    """Return the union of all discs of a radius that lie in a region."""
+    return region.buffer(-radius, quad_segs=QUARTER).buffer(radius, quad_segs=QUARTER)
+
+
+def pieces_and_holes(region: BaseGeometry) -> tuple[int, int]:
+    """Return the number of pieces of a region, and of all their holes."""
+    pieces = [piece for piece in shapely.get_parts(region) if not piece.is_empty]
+    return len(pieces), sum(len(piece.interiors) for piece in pieces)
+
+
+def even_odd(rings: Iterable[Floats]) -> BaseGeometry:
+    """Return the region inside an odd number of rings, points (n, 2) each.
+
+    Those of two points, to which slivers are simplified, have no inside.
+    """
+    wide = [ring for ring in rings if len(ring) > 2]
+    shapes = [shapely.make_valid(shapely.Polygon(ring), method="structure") for ring in wide]
+    return reduce(shapely.symmetric_difference, shapes, shapely.Polygon())
+
+
+def changed_border(
+    region: BaseGeometry, outline: BaseGeometry, near: float, change: Change
+) -> BaseGeometry:
+    """Return a region in a panel with another border, but where that is the panel's own.
+
+    Points closer than `near`, in m, to the outline lie on it.
+    """
+    cut = outline.boundary
+    shapely.prepare(cut)
+    rings = shapely.get_rings(shapely.get_parts(region))
+    return even_odd(
+        _changed_ring(shapely.get_coordinates(ring)[:-1], cut, near, change) for ring in rings
+    )
+
+
+def simplified(
+    region: BaseGeometry, outline: BaseGeometry, near: float, distance: float
+) -> BaseGeometry:
+    """Return a region with fewer corners, as of `changed_border`; it moves by a distance in m."""
+
+    def change(points: Floats, closed: bool) -> Floats:
+        line = shapely.LinearRing(points) if closed else shapely.LineString(points)
+        found = shapely.get_coordinates(line.simplify(distance))
+        return found[:-1] if closed else found
+
+    return changed_border(region, outline, near, change)
+
+
+def _changed_ring(points: Floats, cut: BaseGeometry, near: float, change: Change) -> Floats:
+    """Return the points of a ring (n, 2), changed where it is off the cut."""
+    runs = runs_of_ring(points, cut, near)
+    if runs is None:
+        return change(points, True)
+    return np.concatenate([(change(run, False) if off else run)[:-1] for run, off in runs])
 
 
 def printed_regions(
@@ -94,7 +174,7 @@ def smoothed(region: BaseGeometry, outline: BaseGeometry, length: float) -> Base
             return points
         return _averaged(_even(ring, length)[:-1], closed=True)
 
-    found = changed_border(region, outline, TOUCHING * length, smooth)
+    found = changed_border(region, outline, ON_OUTLINE * length, smooth)
     parts = polygons_of(found.intersection(outline))
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(list(parts))
 

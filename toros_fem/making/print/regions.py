@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.archive import Archive
+from toros_fem.base.errors import FileError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.design.lines.ribbons import straight_joints
+from toros_fem.design.lines.laid_lines import straight_joints
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.panels import polygons_of
@@ -19,6 +22,7 @@ from toros_fem.meshes.transfer import scaled_points
 BEYOND = 8.0
 # What closes slits of rounding, over the width of a strip.
 SLIT = 1e-7
+REGIONS = ("region_bytes", "region_sizes")
 
 
 def regions_on(
@@ -118,3 +122,20 @@ def print_on(
         return part_regions(case.pattern, there)
 
     return on_first_rank(comm, laid)
+
+
+def packed_regions(regions: Regions) -> dict[str, npt.NDArray]:
+    """Return polygons of panels as arrays: well-known binary of all, in m, and sizes in bytes."""
+    texts = [shapely.to_wkb(region) for region in regions]
+    sizes = np.array([len(text) for text in texts])
+    return dict(zip(REGIONS, (np.frombuffer(b"".join(texts), np.uint8), sizes), strict=True))
+
+
+def regions_of(archive: Archive, panels: int) -> list[BaseGeometry]:
+    """Return the regions in an archive, of so many panels."""
+    data, sizes = (archive.arrays[name] for name in REGIONS)
+    fits = len(sizes) == panels and sizes.min() >= 0
+    if not fits or sizes.sum() != data.nbytes:
+        raise FileError("the polygons do not fit the panels")
+    text, stops = data.tobytes(), np.cumsum(sizes)
+    return [shapely.from_wkb(text[b - n : b]) for b, n in zip(stops, sizes, strict=True)]

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.making.print.polygons import TOUCHING, fabric_of
+from toros_fem.making.print.contours import TOUCHING, fabric_of
 from toros_fem.meshes.triangles import cross, linked
 
 # Most samples of a border: some minutes, and some hundred megabytes.

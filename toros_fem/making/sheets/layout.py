@@ -19,11 +19,14 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutlineError, TorosError
 from toros_fem.base.packages import required
 from toros_fem.making.options import DEFAULT, ManufactureOptions
-from toros_fem.making.panels.marks import CLEAR, HEIGHT, ruler
-from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings, printed_face
-from toros_fem.making.panels.panel_labels import Label
-from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
-from toros_fem.making.panels.svg import Box, Layer
+from toros_fem.making.panels.marks import CLEAR, HEIGHT, Label, SewnSeam, ruler, sewn_seams
+from toros_fem.making.panels.panel_drawing import (
+    Box,
+    Layer,
+    PanelDrawing,
+    panel_drawings,
+    printed_face,
+)
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 

@@ -25,7 +25,7 @@ from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.actuators.scene import DesignScene, Level
 from toros_fem.results.report.page_file import write_report
-from toros_fem.results.runs.folder import FREE, open_run
+from toros_fem.results.runs.open_run import FREE, open_run
 
 # Filter radius over the edge length, where none is given.
 FILTER_EDGES = 1.5

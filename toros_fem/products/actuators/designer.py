@@ -3,68 +3,235 @@
 from __future__ import annotations
 
 import logging
+import math
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from toros_fem.base.errors import NoEquilibriumError, PanelError, TorosError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import free_dropped, on_first_rank
-from toros_fem.design.loop.carried import CarriedDesign
-from toros_fem.design.loop.loop import DesignResult
-from toros_fem.design.loop.options import DesignOptions
+from toros_fem.design.loop.fields import CarriedDesign
+from toros_fem.design.loop.levels import BestStart, best_start, optimize_levels
+from toros_fem.design.loop.loop import DesignResult, optimize
+from toros_fem.design.loop.miss import shape_of
+from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.starts import BestStart, best_start
-from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.print_file import NAME as PRINT
-from toros_fem.making.print.print_file import read_print_polygons
-from toros_fem.making.print.printability import printed_fractions
+from toros_fem.making.as_printed import PrintedDesign, as_printed, patterns_without_islands
+from toros_fem.making.print.printability import PRINT, printed_fractions, read_print_polygons
 from toros_fem.making.print.regions import print_on
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import State, largest_part, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.meshes.pattern_file import NAME as PATTERN
+from toros_fem.products.actuators.corrections import corrected
 from toros_fem.products.actuators.cost import require_affordable_meshes
-from toros_fem.products.actuators.densities import (
-    DensityDesigner,
-    Polish,
-    other_ways,
-    problem_of,
-)
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import (
+    Job,
     MeshValues,
     MetricErrors,
+    SimulatedPrint,
+    is_held,
     measures_of,
     metric_errors,
+    simulated_on,
     values_at,
 )
-from toros_fem.products.actuators.job import is_held
-from toros_fem.products.actuators.other_mesh import SimulatedPrint, simulated_on
-from toros_fem.products.actuators.pressure_curve import write_curve
+from toros_fem.products.actuators.pressure import trimmed, worst_of_print, write_curve
 from toros_fem.products.actuators.result import SearchRecord, SkinDesign
-from toros_fem.products.actuators.trim import trimmed
 from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
+from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
-from toros_fem.results.runs.folder import run_of
-from toros_fem.results.shape_miss import shape_of
+from toros_fem.results.runs.open_run import run_of
 from toros_fem.results.writer import draw_pictures, write_design
 
-if TYPE_CHECKING:  # a scene is designed here, and says so
+if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import Level
 
+# A print whose worst figure is off by so many tolerances is not tried without its islands.
+FAR = 10.0
+# Designs again from another pattern without islands (collective).
+Polish = Callable[[], DesignResult]
+# How far another seed is from the one that was given.
+ANOTHER_SEED = 1000
 log = logging.getLogger(__name__)
-
 # A print is trimmed again by what a finer mesh tells if a figure is off by more than this part of
 # its tolerance, or of the second where the verdict is not certain.
 AGAIN, AGAIN_IF_OPEN = 0.5, 0.25
 # Where coarser meshes leave the verdict open, one with edges so many times shorter tells the
 # figures, if it has at most so many triangles.
 FINER, MOST = 2.0, 100_000
+
+
+class Attempt(NamedTuple):
+    """A design, its print, the number of its corrections, and its seed if that is another."""
+
+    design: DesignResult
+    printed: PrintedDesign
+    rounds: int = 0
+    seed: int | None = None
+
+
+# What is compared: as it was designed, or with its errors.
+A = TypeVar("A", Attempt, SkinDesign)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DensityDesigner(Job):
+    """The design of densities, to the print that is best; all methods are collective.
+
+    Attributes:
+        reporter: Reports the progress.
+    """
+
+    reporter: DesignReporter
+
+    def over_levels(
+        self,
+        problems: Iterator[ShapeDesign],
+        options: Sequence[DesignOptions],
+        after: CarriedDesign | None = None,
+        seed: int | None = None,
+    ) -> tuple[tuple[DesignResult, PrintedDesign], list[Polish]]:
+        """Run a level for each of the options, after a design of another mesh if there is one.
+
+        Each has a polishing stage if its print has free islands, from the best pattern without
+        them. Functions that polish the last level from other ones are returned too. None takes the
+        scene's seed.
+        """
+        rules_of = dict(enumerate(options, 0 if after is None else after.level))
+        steps = sum(level.iterations for level in options)
+        printed: PrintedDesign | None = None
+        others: list[Polish] = []
+
+        def finished(result: DesignResult) -> DesignResult:
+            nonlocal steps, printed
+            others.clear()
+            printed = made = self.print_of(result)
+            polishing = self.scene.design.polish_iterations
+            if not polishing or not on_first_rank(self.comm, lambda: len(made.before.free_islands)):
+                return result
+            rules = rules_of[result.history[-1].level]
+            last = replace(rules.stages[-1], iterations=polishing)
+            steps += last.iterations
+            self.reporter.expect(steps)
+            rules = replace(rules, stages=(last,))
+            polish = partial(optimize, result.problem, rules, callback=self.reporter, after=result)
+            best, *rest = patterns_without_islands(result, made)
+            others.extend(
+                partial(polish, start=start, journal=self.branch(f"polish-{number}"))
+                for number, start in enumerate(rest, 2)
+            )
+            result = polish(start=best, journal=self.branch("polish"))
+            printed = self.print_of(result)
+            return result
+
+        self.reporter.expect(steps)
+        result = optimize_levels(
+            problems,
+            options,
+            seed=self.scene.design.seed if seed is None else seed,
+            callback=self.reporter,
+            finish=finished,
+            after=after,
+            journal=self.journal,
+        )
+        assert printed is not None
+        return (result, printed), others
+
+    def worst(self, printed: PrintedDesign) -> float:
+        """Return the largest miss of a figure over its tolerance, as of `worst_of_print`."""
+        return worst_of_print(printed, self.scene.results.tolerances)
+
+    def lost(self, result: DesignResult, printed: PrintedDesign) -> bool:
+        """Return whether a print misses because the stages with widths lost the shape."""
+        return growth_of_miss(result.history, result.final.shape) > LOST and self.worst(printed) > 1
+
+    def print_of(self, result: DesignResult) -> PrintedDesign:
+        """Return the print of a design, simulated at the pressure that suits it best.
+
+        Where it misses, but not by far, and islands were bridged, it is tried without them.
+        """
+        printer = self.scene.print
+
+        def printed(island_area: float) -> PrintedDesign:
+            problem = problem_of(result)
+            found = as_printed(
+                problem, result, printer.limits, island_area=island_area, journal=self.journal
+            )
+            return self.trimmed(found)
+
+        made = printed(printer.island_area)
+        if made.cleaned.bridged and 1 < (worst := self.worst(made)) < FAR:
+            other = printed(math.inf)
+            if self.worst(other) < worst:
+                return other
+            del other
+            free_dropped(self.comm)
+        return made
+
+    def corrected(
+        self,
+        result: DesignResult,
+        printed: PrintedDesign,
+        print_of: Callable[[DesignResult], PrintedDesign] | None = None,
+        branch: str = "correction",
+    ) -> Attempt:
+        """Return a design and its print after corrections, and the number of these.
+
+        None makes prints as of `print_of`. The journal has a branch of its own.
+        """
+        rounds, make = 0, print_of or self.print_of
+
+        def expect(last: DesignResult) -> None:
+            more = last.history[-1].iteration + self.scene.design.level_iterations
+            self.reporter.expect(more)
+
+        def print_again(again: DesignResult) -> PrintedDesign:
+            nonlocal rounds
+            rounds += 1
+            expect(again)
+            return make(again)
+
+        expect(result)
+        best = corrected(
+            result,
+            printed,
+            self.scene.design.finer_options,
+            print_again=print_again,
+            rounds=self.scene.design.corrections,
+            tolerances=self.scene.results.tolerances,
+            callback=self.reporter,
+            journal=self.branch(branch),
+        )
+        return Attempt(*best, rounds)
+
+
+def other_ways(
+    options: Sequence[DesignOptions], seed: int, beta: float
+) -> Iterator[tuple[str, tuple[DesignOptions, ...], int]]:
+    """Yield other ways to a design whose stage with widths lost the shape: name, options, seed."""
+    first, finer = options[0], tuple(options[1:])
+    *free, last = first.stages
+    if not last.constrained:
+        return
+    softer = replace(last, iterations=2 * last.iterations, tighten=math.sqrt(last.tighten))
+    sharper = Stage(max(1, last.iterations // 3), beta=2 * beta), last
+    yield "softer constraints", (replace(first, stages=(*free, softer)), *finer), seed
+    yield "a sharper projection first", (replace(first, stages=(*free, *sharper)), *finer), seed
+    yield "another seed", tuple(options), seed + ANOTHER_SEED
+
+
+def problem_of(result: DesignResult) -> ShapeDesign:
+    """Return the problem of a design of shapes."""
+    problem = result.problem
+    assert isinstance(problem, ShapeDesign)
+    return problem
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,21 +252,51 @@ class Designer(DensityDesigner):
         case = require_affordable_meshes(comm, scene)
         of_target = [] if case is None else target_doubts(case)
         warn_of_doubts(comm, [*doubts(scene), *of_target])
-        best, place = self._checked(self._from_seed(0)), 0
         # A given print is the start, whatever the seed.
-        for number in range(1, 1 if self.source is not None else self.scene.design.seeds):
-            if overall(best.figures) in (None, State.REACHED):
-                break
-            if self.comm.rank == 0:
-                log.warning("another seed is tried: %s", verdict_of(best.figures))
-            attempt = self.reporter.begin()
-            other = self._checked(self._from_seed(number))
-            if _badness(other) < _badness(best):
-                best, place = other, attempt
-            del other
-            free_dropped(self.comm)
-        self.reporter.keep(place, best.design.history[-1].iteration)
+        most = 1 if self.source is not None else scene.design.seeds
+        best = self._best_of(
+            self._checked(self._from_seed(0)),
+            [partial(self._from_other_seed, number) for number in range(1, most)],
+            _badness,
+            lambda best, _: overall(best.figures) in (None, State.REACHED),
+        )
         return self._finished(best)
+
+    def _best_of(
+        self,
+        best: A,
+        others: Iterable[Callable[[A], A]],
+        badness: Callable[[A], Any],
+        ends: Callable[[A, A | None], bool],
+    ) -> A:
+        """Return the best of a first attempt and of others, and keep its recorded shapes.
+
+        Each is told the best so far. One whose start has no equilibrium is left out. `ends` tells
+        of the best and the last one, None at first, whether there are no more.
+        """
+        least, ended = badness(best), ends(best, None)
+        place = begin = self.reporter.attempt
+        for attempt in others:
+            if ended:
+                break
+            number = self.reporter.begin()
+            try:
+                last = attempt(best)
+            except NoEquilibriumError:  # of its start; raised by all ranks or by none
+                continue
+            if (value := badness(last)) < least:
+                best, least, place = last, value, number
+            ended = ends(best, last)
+            del last
+            free_dropped(self.comm)
+        self.reporter.keep(place, best.design.history[-1].iteration, begin)
+        return best
+
+    def _from_other_seed(self, number: int, best: SkinDesign) -> SkinDesign:
+        """Return the design from another seed, the number of those before it, with errors."""
+        if self.comm.rank == 0:
+            log.warning("another seed is tried: %s", verdict_of(best.figures))
+        return self._checked(self._from_seed(number))
 
     def _from_seed(self, number: int) -> SkinDesign:
         """Return the design from a seed, the number of those before it, without errors."""
@@ -159,73 +356,67 @@ class Designer(DensityDesigner):
         with self.reporter:
             made, others = self.over_levels(problems(), options, after)
             lost = after is None and self.lost(*made)
-            result, printed, rounds = self._polished_otherwise(self.corrected(*made), others)
+            best = self._best_of(
+                self.corrected(*made),
+                self._polishes(others),
+                self._miss,
+                lambda best, _: self._miss(best) <= 1,
+            )
             # A print that corrections bring home needs no other way.
-            if lost and self.worst(printed) > 1:
-                made, search = self._tried_otherwise(problems, options, (result, printed), search)
-                if made[0] is not result:
-                    result, printed, more = self.corrected(*made, branch="other-correction")
-                    rounds += more
-        if self.source is None and problem_of(result).fields.centre is not None:
+            if lost and self._miss(best) > 1:
+                best, search = self._tried_otherwise(problems, options, best, search)
+        if self.source is None and problem_of(best.design).fields.centre is not None:
             search = replace(search, start="pattern")
-        search = replace(search, rounds=rounds)
-        return self._found(result, printed, search)
+        search = replace(search, rounds=best.rounds)
+        return self._found(best.design, best.printed, search)
 
-    def _polished_otherwise(
-        self, made: tuple[DesignResult, PrintedDesign, int], others: Sequence[Polish]
-    ) -> tuple[DesignResult, PrintedDesign, int]:
-        """Polish from other patterns without islands while the print misses; return the best.
+    def _miss(self, attempt: Attempt) -> float:
+        return self.worst(attempt.printed)
 
-        Results come with their print and the number of its corrections.
-        """
-        place = first = self.reporter.attempt
+    def _polishes(self, others: Sequence[Polish]) -> Iterator[Callable[[Attempt], Attempt]]:
+        """Yield what polishes a design from other patterns without islands, and corrects it."""
+
+        def polished(polish: Polish, branch: str, _: Attempt) -> Attempt:
+            design = polish()
+            return self.corrected(design, self.print_of(design), branch=branch)
+
         for number, polish in enumerate(others, 2):
-            if (least := self.worst(made[1])) <= 1:
-                break
-            attempt = self.reporter.begin()
-            try:
-                result = polish()
-            except NoEquilibriumError:  # of its start; raised by all ranks or by none
-                continue
-            other = self.corrected(result, self.print_of(result), branch=f"correction-{number}")
-            if self.worst(other[1]) < least:
-                made, place = other, attempt
-            del other, result
-            free_dropped(self.comm)
-        self.reporter.keep(place, made[0].history[-1].iteration, first)
-        return made
+            yield partial(polished, polish, f"correction-{number}")
 
     def _tried_otherwise(
         self,
         problems: Callable[[], Iterator[ShapeDesign]],
         options: Sequence[DesignOptions],
-        made: tuple[DesignResult, PrintedDesign],
+        lost: Attempt,
         search: SearchRecord,
-    ) -> tuple[tuple[DesignResult, PrintedDesign], SearchRecord]:
-        """Design anew where printable lines lost the shape, until one does not; return the best."""
-        best, found = self.worst(made[1]), search
-        first = place = self.reporter.attempt
-        start = self.scene.design.seed, self.scene.design.beta
-        for name, rules, seed in other_ways(options, *start):
+    ) -> tuple[Attempt, SearchRecord]:
+        """Design anew where printable lines lost the shape, until one does not; correct the best.
+
+        With it comes how it was searched.
+        """
+        tried: list[str] = []
+
+        def anew(name: str, rules: Sequence[DesignOptions], seed: int, _: Attempt) -> Attempt:
             if self.comm.rank == 0:
                 log.warning("printable lines lost the shape: the design is tried with %s", name)
             way = replace(self, journal=self.branch(name.replace(" ", "-")))
-            found = replace(found, tried=(*found.tried, name))
-            attempt = self.reporter.begin()
-            try:
-                other, _ = way.over_levels(problems(), rules, seed=seed)
-            except NoEquilibriumError:  # of its start; raised by all ranks or by none
-                continue
-            kept = not self.lost(*other)
-            if (worst := self.worst(other[1])) < best:
-                best, made, found = worst, other, replace(found, seed=seed)
-                place = attempt
-            del other
-            free_dropped(self.comm)
-            if kept:
-                break
-        self.reporter.keep(place, made[0].history[-1].iteration, first)
-        return made, found
+            tried.append(name)
+            made = way.over_levels(problems(), rules, seed=seed)[0]
+            return Attempt(*made, seed=seed)
+
+        ways = other_ways(options, self.scene.design.seed, self.scene.design.beta)
+        best = self._best_of(
+            lost,
+            [partial(anew, *way) for way in ways],
+            self._miss,
+            lambda _, last: last is not None and not self.lost(last.design, last.printed),
+        )
+        search = replace(search, tried=tuple(tried))
+        if best is lost:
+            return lost, search
+        search = replace(search, seed=search.seed if best.seed is None else best.seed)
+        best = self.corrected(best.design, best.printed, branch="other-correction")
+        return best._replace(rounds=lost.rounds + best.rounds), search
 
     def _from_lines(self) -> SkinDesign:
         """Design line families, lay them as lines, and design densities from these last."""
@@ -270,9 +461,9 @@ class Designer(DensityDesigner):
         designed = densities_from(self, found)
         if designed is None:
             return None
-        result, printed, _ = self.corrected(designed, self.print_of(designed))
-        better = self.worst(printed) < self.worst(self.trimmed(found.made.printed))
-        return (result, printed) if better else None
+        best = self.corrected(designed, self.print_of(designed))
+        better = self._miss(best) < self.worst(self.trimmed(found.made.printed))
+        return (best.design, best.printed) if better else None
 
     def _found(
         self, result: DesignResult, printed: PrintedDesign, search: SearchRecord
@@ -438,7 +629,9 @@ class Designer(DensityDesigner):
             return fine
 
         start = replace(found.printed, evaluation=there)
-        result, fine, rounds = self.corrected(found.design, start, print_again, "finer-correction")
+        result, fine, rounds, _ = self.corrected(
+            found.design, start, print_again, "finer-correction"
+        )
         own = next((own for made, own in kept if made is fine), None)
         if own is None or own.evaluation is None or fine.evaluation is None:
             return None

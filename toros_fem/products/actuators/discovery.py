@@ -18,30 +18,36 @@ from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.laid_lines import LaidLines, changed
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.case import Case
-from toros_fem.design.loop.corrections import correct
+from toros_fem.design.loop.fields import CarriedDesign
+from toros_fem.design.loop.levels import correct
 from toros_fem.design.loop.loop import DesignResult, optimize
+from toros_fem.design.loop.miss import residuals_of, shape_of
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
-from toros_fem.making.as_printed.as_printed import Shape
+from toros_fem.making.as_printed import Shape
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.actuators.estimates import values_on
-from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
-from toros_fem.products.actuators.mended_lines import Mending, mending
-from toros_fem.products.actuators.misses import StrainResponse, misses_of
-from toros_fem.products.actuators.other_mesh import SimulatedPrint
-from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next
-from toros_fem.results.console import print_line
-from toros_fem.results.shape_miss import shape_of
+from toros_fem.products.actuators.corrections import (
+    CLOSE,
+    FINE,
+    HELPS,
+    StrainResponse,
+    asked_next,
+    strains_beyond,
+    strains_to_ask,
+    with_strains,
+)
+from toros_fem.products.actuators.estimates import Job, SimulatedPrint, values_on
+from toros_fem.products.actuators.printed_lines import LinePrint, Mending, mending, print_of_lines
+from toros_fem.results.reporter import print_line
 
 log = logging.getLogger(__name__)
 
 # Below these errors of metrics and of the shape the number of lines stays when they are laid anew.
 NEAR, NEAR_SHAPE = 0.3, 2 * TOLERANCE
-# Far from the targets a change of lines must promise to leave no more than this part of all misses.
+# Far from the targets a change of lines must promise to leave no more than this part of the
+# residuals.
 ENOUGH = 0.5
 # A search ends after so many rounds in a row of which none helps.
 PATIENCE = 2
@@ -60,9 +66,9 @@ class Round:
         relaxed: The relaxed design.
         laid: Its lines.
         metrics: Metrics of their print, by key; empty without an equilibrium.
-        of_metrics, of_shape: Largest miss of a metric, and that of the shape, as of `Misses`;
+        of_metrics, of_shape: Largest miss of a metric, and that of the shape, as of `Residuals`;
             infinite without an equilibrium.
-        missed: Size of all misses, as of `Misses`.
+        missed: Size of all residuals, as of `Residuals`.
         failure: Why the print has no equilibrium; empty if it has one.
         answer: What was asked of the shape, and what its print has; None where metrics are asked,
             or without an equilibrium.
@@ -84,7 +90,7 @@ class Round:
 
     @property
     def error(self) -> float:
-        """The larger one of both misses."""
+        """The larger one of both residuals."""
         return max(self.of_metrics, self.of_shape)
 
 
@@ -188,7 +194,7 @@ class _Search:
 
     Attributes:
         plain: The case on the mesh of the fabric.
-        misses: What its shapes are judged by.
+        residuals: Those of its shapes.
         best: The best round and its print. Only this print and the judged one keep their problems.
         finer: The finer mesh, and its edge length over that of the prints; None without one.
         judged: The best round that it judged, and its print.
@@ -202,7 +208,7 @@ class _Search:
     def __init__(self, job: Job) -> None:
         self.job = job
         self.plain = job.scene.case(job.comm, job.scene.print_level)
-        self.misses = misses_of(self.plain)
+        self.residuals = residuals_of(self.plain)
         self.best: tuple[Round, LinePrint]  # from the first print on
         self.finer = job.scene.checked(job.scene.print_level)
         self.judged: tuple[Round, LinePrint] | None = None
@@ -220,9 +226,9 @@ class _Search:
         scene = self.job.scene
         case = scene.case(self.job.comm, scene.relaxed_level)
         strains = None
-        if self.misses.labels is not None and self.misses.compared.all():
-            strains = np.zeros_like(misses_of(case).rod(case.goal).strains)
-        asked = {key: aim.target for key, aim in self.misses.aims.items()}
+        if self.residuals.labels is not None and self.residuals.compared.all():
+            strains = np.zeros_like(residuals_of(case).rod(case.goal).strains)
+        asked = {key: aim.target for key, aim in self.residuals.aims.items()}
         return self._asked(case, asked, strains, None, None)
 
     def again(self, rounds: Sequence[Round]) -> Round | None:
@@ -261,23 +267,25 @@ class _Search:
         laid = laid or [one for one in rounds if one.mended is None]
         if not laid:
             return None
-        near = [k for k, one in enumerate(laid) if _near(one)]
+        near = [
+            k for k, one in enumerate(laid) if one.of_metrics < NEAR and one.of_shape < NEAR_SHAPE
+        ]
         # Once lines are near, all later ones are like them: only these tell what one more asks for.
         begin, like = (near[0], laid[near[0]].laid) if near else (0, None)
         scene, comm = self.job.scene, self.job.comm
         answers = [one.answer for one in laid[begin:] if one.answer is not None]
         if answers:
-            misses = misses_of(scene.case(comm, scene.relaxed_level))
-            strains = misses.strains_to_ask(answers)
-            case = misses.asking(strains)
+            residuals = residuals_of(scene.case(comm, scene.relaxed_level))
+            strains = strains_to_ask(residuals.rod(residuals.case.goal), answers)
+            case = with_strains(residuals, strains)
             asked = {
                 m.key: m.value(case.pattern, case.goal)
                 for m in case.judged
-                if m.key in self.misses.aims
+                if m.key in self.residuals.aims
             }
-        elif set(self.misses.aims) <= set(scene.targets()):
+        elif set(self.residuals.aims) <= set(scene.targets()):
             got, before = [one.metrics for one in laid[begin:]], [one.asked for one in laid[begin:]]
-            strains, asked = None, asked_next(got, before, self.misses.aims)
+            strains, asked = None, asked_next(got, before, self.residuals.aims)
             try:
                 case = scene.asked(asked).case(comm, scene.relaxed_level)
             except ParameterError:  # beyond what the targets' fields allow
@@ -327,7 +335,7 @@ class _Search:
         """Return the change that mends the best print most."""
         made = self.best[1]
         with self._timed("lines"):
-            return mending(made, best.laid, misses_of(made.case))
+            return mending(made, best.laid, residuals_of(made.case))
 
     def _mended(self, best: Round, step: Mending) -> Round:
         """Return the round of changed lines."""
@@ -453,14 +461,16 @@ def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
     infinite = dict.fromkeys(("of_metrics", "of_shape", "missed"), np.inf)
     if made.printed.failure:
         return {"metrics": {}, "answer": None, **infinite}
-    misses, shape = misses_of(made.case), made.shape[1]
-    answer = None if strains is None else StrainResponse(strains, misses.strains_beyond(shape))
+    residuals, shape, answer = residuals_of(made.case), made.shape[1], None
+    if strains is not None:
+        beyond = strains_beyond(residuals.rod(shape), residuals.rod(made.case.goal))
+        answer = StrainResponse(strains, beyond)
     return {
         "metrics": made.metrics,
         "answer": answer,
-        "of_metrics": misses.of_metrics(shape),
-        "of_shape": misses.of_shape(shape),
-        "missed": float(np.linalg.norm(misses(shape))),
+        "of_metrics": residuals.of_metrics(shape),
+        "of_shape": residuals.of_shape(shape),
+        "missed": float(np.linalg.norm(residuals(shape))),
     }
 
 
@@ -476,11 +486,6 @@ def _widths_suffice(like: LaidLines, field: LineField, printed: Bools | None) ->
     before = np.array([family.share for family in like.families])
     room = np.sqrt(like.options.spread)
     return bool(((now <= room * before) & (before <= room * now)).all())
-
-
-def _near(one: Round) -> bool:
-    """Return whether the lines of a round may stay where they are."""
-    return one.of_metrics < NEAR and one.of_shape < NEAR_SHAPE
 
 
 def _report(

@@ -1,11 +1,12 @@
-"""Errors of what a run tells of a print: half-widths of intervals, from other meshes."""
+"""A print on other meshes than its own, and what these tell: half-widths of intervals."""
 
 from __future__ import annotations
 
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,36 +17,162 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError, PatternErr
 from toros_fem.base.mpi import free_dropped
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.journal import Journal
+from toros_fem.design.loop.loop import Callback
+from toros_fem.design.loop.miss import quantities_of, shape_of
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
+from toros_fem.making.as_printed import PrintedDesign, Shape, state_near
+from toros_fem.making.print.regions import case_of_print
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import (
-    SimulatedPrint,
-    coarser_levels,
-    simulated_again,
-    simulated_on,
-)
-from toros_fem.results.shape_miss import quantities_of, shape_of
+from toros_fem.products.actuators.pressure import trimmed
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import DesignScene, Level
 
+# Number of coarser meshes that a print is simulated on, where there are so many.
+COARSER_MESHES = 2
+# A pattern and the print on each of its panels, polygons in m.
+Printed = tuple[Pattern, Regions]
 log = logging.getLogger(__name__)
-
 # Ratio of edge lengths of two meshes whose difference tells an error.
 COARSER = 1.5
 # Safety factor of trials, whose intervals were not compared with finer meshes.
 SAFETY = 1.7
-
 Measures = Mapping[str, Callable[[Pattern, Floats], float]]
 # Simulates a print on the mesh of a scene's `TRIAL_MESH`.
 OnOtherMesh = Callable[[], Evaluation[Equilibrium]]
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A scene that is designed, and who follows its steps.
+
+    Attributes:
+        reporter: Called after each step of the design, on every rank; None reports nothing.
+        journal: Keeps the state of the run; None keeps nothing.
+        verbose: Whether to print every Newton step.
+    """
+
+    comm: MPI.Comm
+    scene: DesignScene
+    reporter: Callback | None = None
+    journal: Journal | None = None
+    verbose: bool = False
+
+    def branch(self, name: str) -> Journal | None:
+        """Return the branch of its journal for a part of the run; None keeps nothing."""
+        return None if self.journal is None else self.journal.branch(name)
+
+    def trimmed(self, printed: PrintedDesign) -> PrintedDesign:
+        """Return a print at the pressure that suits it best, or at the one that is held."""
+        if is_held(printed):
+            return printed
+        return trimmed(printed, tolerances=self.scene.results.tolerances)
+
+    def problem(self, case: Case, level: Level) -> ShapeDesign:
+        """Return the design problem of a case on the mesh of a level (collective)."""
+        return self.scene.problem(self.comm, case, level, verbose=self.verbose)
+
+
+def is_held(printed: PrintedDesign) -> bool:
+    """Return whether the pressure of a print is given, and not designed."""
+    made = printed.evaluation
+    return made is not None and not any(made.problem.physics.pressure_ranges)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedPrint:
+    """What is simulated again, on another mesh.
+
+    Attributes:
+        near: The shape that the simulation starts from.
+        printed: The print; None for a skin without one.
+        pressures: Pressure of each chamber in Pa; None takes those of the scene.
+    """
+
+    near: Shape
+    printed: Printed | None
+    pressures: Sequence[float] | None
+
+    @classmethod
+    def of(cls, printed: PrintedDesign) -> SimulatedPrint:
+        """Return a print that has an equilibrium, which is where it starts (collective)."""
+        assert printed.evaluation is not None
+        pressures = printed.evaluation.equilibrium.pressures
+        return cls(_shape(printed.evaluation), (printed.pattern, printed.regions), pressures)
+
+
+def simulated_on(
+    job: Job, level: Level, simulated: SimulatedPrint, ratio: float
+) -> Evaluation[Equilibrium]:
+    """Simulate a print on another mesh (collective).
+
+    Args:
+        level: The mesh.
+        simulated: The print.
+        ratio: How much longer its edges are than those of the print's own mesh.
+
+    Raises:
+        NoEquilibriumError: There is none.
+    """
+    case, rules = job.scene.case(job.comm, level), level.regularisation
+    return simulated_again(job.comm, case, rules, simulated, ratio)
+
+
+def simulated_again(
+    comm: MPI.Comm, case: Case, rules: Regularisation, simulated: SimulatedPrint, ratio: float
+) -> Evaluation[Equilibrium]:
+    """Simulate a print on the mesh of a case, as `simulated_on` does (collective)."""
+    if simulated.printed is not None:
+        case = case_of_print(comm, case, *simulated.printed, coarser=ratio)
+    problem = ShapeDesign(comm, case, rules.plain)
+    start, plain = state_near(problem, *simulated.near), np.zeros(len(problem.designed))
+    return problem.simulate_binary(plain, start=start, pressure=simulated.pressures)
+
+
+def coarser_levels(scene: DesignScene, level: Level) -> dict[float, Level]:
+    """Return coarser meshes, by their edge length over that of a level.
+
+    Raises:
+        ParameterError: There is none.
+    """
+    found: dict[float, Level] = {}
+    ratio = 1.0
+    for _ in range(COARSER_MESHES):
+        try:
+            more, level = scene.coarser(level)
+        except ParameterError:
+            if not found:
+                raise
+            break
+        ratio *= more
+        found[ratio] = level
+    return found
+
+
+def near_on_coarser(job: Job, level: Level, simulated: SimulatedPrint) -> Shape:
+    """Return the shape of a print on a coarser mesh, or the given one without any (collective).
+
+    The steps from a far start are cheap there. The coarsest mesh comes first.
+    """
+    others: dict[float, Level] = {}
+    with suppress(TorosError):  # raised by all ranks or by none, as below
+        others = coarser_levels(job.scene, level)
+    for ratio, other in reversed(others.items()):
+        with suppress(TorosError):
+            simulated = replace(simulated, near=_shape(simulated_on(job, other, simulated, ratio)))
+        free_dropped(job.comm)
+    return simulated.near
+
+
+def _shape(made: Evaluation[Equilibrium]) -> Shape:
+    skin = made.problem.skin
+    return skin.pattern, skin.gather_vertices(made.equilibrium.positions)
 
 
 @dataclass(frozen=True, eq=False)

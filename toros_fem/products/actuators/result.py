@@ -11,8 +11,8 @@ import numpy as np
 from toros_fem.measures.figures import Figure, State, overall
 from toros_fem.products.actuators.discovery import Discovery
 from toros_fem.products.actuators.estimates import MetricErrors
-from toros_fem.products.actuators.pressure_curve import CurveFigures
-from toros_fem.results.summary import PrintedResult
+from toros_fem.products.actuators.pressure import CurveFigures
+from toros_fem.results.result import PrintedResult
 
 
 @dataclass(frozen=True, eq=False)

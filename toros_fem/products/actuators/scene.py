@@ -18,8 +18,7 @@ from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.regularisation import Regularisation
-from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
 from toros_fem.design.relaxed.find import RelaxedOptions
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.measures.figures import Figure
@@ -34,12 +33,10 @@ from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.result import SkinDesign, TrialResult
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
 from toros_fem.products.plausibility import Group, Inflated, with_lengths
-from toros_fem.products.tables.loads import PressureTable, ResultTable
-from toros_fem.products.tables.sheets import SkinSheets
+from toros_fem.products.tables.loads import PressureTable, ResultTable, SkinSheets
 from toros_fem.products.tables.steps import DesignTable, LineTable, PrinterTable
-from toros_fem.results.console import print_step
-from toros_fem.results.reporter import DesignReporter
-from toros_fem.results.runs.folder import journal_of
+from toros_fem.results.reporter import DesignReporter, print_step
+from toros_fem.results.runs.open_run import journal_of
 
 SOURCE = {
     "start_from": "output folder of a design, whose print the densities start from; none: `start`"

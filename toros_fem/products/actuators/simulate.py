@@ -16,8 +16,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, PanelError, ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
-from toros_fem.making.print.print_file import NAME as PRINT
-from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.printability import PRINT, read_print_polygons
 from toros_fem.making.print.regions import case_of_print
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
@@ -28,14 +27,17 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
-from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Printed, SimulatedPrint
-from toros_fem.results.console import print_step, with_progress
-from toros_fem.results.pressure_path import PathResult, write_pressure_path
+from toros_fem.products.actuators.estimates import (
+    Job,
+    MetricErrors,
+    Printed,
+    SimulatedPrint,
+    metric_errors,
+)
+from toros_fem.results.reporter import print_step, with_progress
 from toros_fem.results.result import write_summary
-from toros_fem.results.runs.summary_file import summary_of
-from toros_fem.results.writer import draw_pictures
+from toros_fem.results.runs.stored_run import summary_of
+from toros_fem.results.writer import PathResult, draw_pictures, write_pressure_path
 
 if TYPE_CHECKING:  # a scene is simulated here, and says so
     from toros_fem.products.actuators.scene import ActuatorScene, Level

@@ -15,10 +15,15 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import FileError
-from toros_fem.products.fitting.intervals import correlation
-from toros_fem.products.fitting.parameters import LARGEST_POISSON, NEAREST, lame
-from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
-from toros_fem.products.fitting.uniaxial import Coefficients, lateral_strain, pulling_stress
+from toros_fem.products.fitting.samples import FEWEST, TensileTest, correlation
+from toros_fem.products.fitting.uniaxial import (
+    LARGEST_POISSON,
+    NEAREST,
+    Coefficients,
+    lame,
+    lateral_strain,
+    pulling_stress,
+)
 from toros_fem.products.options import FitOptions
 
 # The test ends at its largest force if the force falls by this part of it for good.

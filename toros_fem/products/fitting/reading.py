@@ -39,7 +39,7 @@ from toros_fem.products.fitting.columns import (
     split_header,
     unit_of,
 )
-from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.samples import TensileTest
 
 # No sheet is pulled further.
 LARGEST_STRETCH = 16.0

@@ -28,7 +28,7 @@ from toros_fem.base.files import guarded, if_plotting, write_json, write_table
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.base.validation import unit_vector, vector
 from toros_fem.design.loop.case import Case
-from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.making.print.regions import case_of_print
 from toros_fem.measures.figures import formatted
 from toros_fem.measures.metrics import Metric

@@ -43,11 +43,17 @@ from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.gripper.lift import ALONG, TOWARD, solid
-from toros_fem.products.gripper.load import LiftResult, grip_of, lift, lift_figures
+from toros_fem.products.gripper.load import (
+    ALONG,
+    TOWARD,
+    LiftResult,
+    grip_of,
+    lift,
+    lift_figures,
+    solid,
+)
 from toros_fem.products.plausibility import Group, Inflated, angle_group
-from toros_fem.products.tables.loads import ContactTable, PressureTable
-from toros_fem.products.tables.sheets import SkinSheets
+from toros_fem.products.tables.loads import ContactTable, PressureTable, SkinSheets
 from toros_fem.products.tables.steps import DesignTable
 
 WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees

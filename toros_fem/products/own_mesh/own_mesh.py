@@ -32,13 +32,12 @@ from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import half_edges, lengths
 from toros_fem.products.actuators.scene import SOURCE, ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
-from toros_fem.products.own_mesh.metrics import MetricTable, judged_by
-from toros_fem.products.own_mesh.regions import Region
+from toros_fem.products.own_mesh.metrics import MetricTable, Region, judged_by
 from toros_fem.products.plausibility import Group, Inflated, bend_strain
 from toros_fem.products.tables.loads import SectionWeights
-from toros_fem.products.tables.steps import DesignTable
-from toros_fem.products.tables.targets import (
+from toros_fem.products.tables.steps import (
     BendAngle,
+    DesignTable,
     Shortening,
     TwistAngle,
     bend_key,

@@ -1,9 +1,9 @@
-"""Tables of a design: its start, its steps and filter, its lines, and its printer."""
+"""Tables of a design: targets, start, steps and filter, lines, and printer."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from toros_fem.base.keys import (
     Count,
@@ -24,13 +24,16 @@ from toros_fem.design.density.perimeter import SHARPNESS
 from toros_fem.design.density.projection import Power, Projection, Steepness, Threshold
 from toros_fem.design.lines.field import Spread
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.regularisation import POWER, Regularisation
+from toros_fem.design.loop.shape_design import POWER, Regularisation
 from toros_fem.design.mma.optimizer import MMAOptions
-from toros_fem.design.relaxed.families import Directions, Share
+from toros_fem.design.relaxed.problem import Directions, Share
 from toros_fem.making.print.printability import PrintLimits
 
 # What the densities of a design may start from.
 STARTS = ("random", "relaxed")
+BendAngle = Annotated[float, In("deg", at_least=-720, at_most=720)]
+TwistAngle = Annotated[float, In("deg", at_least=-2160, at_most=2160)]
+Shortening = Annotated[float, In("%", below=100)]
 
 
 class FilterTable(Table):
@@ -252,3 +255,19 @@ class PrinterTable(Table):
     def limits(self) -> PrintLimits:
         """Thinnest line and gap of the printer."""
         return PrintLimits(width=self.print_width, gap=self.print_width)
+
+
+def bend_key(default: float | None) -> Any:
+    """Return the key of a bend angle."""
+    return key(default, "bend angle of the target", metric="angle")
+
+
+def twist_key(default: float | None) -> Any:
+    """Return the key of a twist."""
+    meaning = "twist of the target, positive if counter-clockwise seen from the tip"
+    return key(default, meaning, metric="twist")
+
+
+def shortening_key(default: float | None) -> Any:
+    """Return the key of a shortening."""
+    return key(default, "shortening of the target", metric="shortening")

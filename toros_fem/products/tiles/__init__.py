@@ -1,1 +1,1 @@
-"""Periodic tiles: their stiffness, sheets of them, and pull tests (Fig. 7)."""
+"""Tiles that repeat: designed towards a profile of stiffness, printed, and pulled (Fig. 7)."""

@@ -13,8 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.making.print.cleaning import Panels
-from toros_fem.making.print.islands import PanelRegion
-from toros_fem.making.print.printability import PrintLimits
+from toros_fem.making.print.printability import PanelRegion, PrintLimits
 from toros_fem.making.print.regions import with_more
 from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.affine import Affine

@@ -14,18 +14,15 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import FileError, NoEquilibriumError
 from toros_fem.base.files import guarded, if_plotting, write_json, write_table
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.making.print.regions import case_of_print
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.result import ToleranceResult, Variant
-from toros_fem.products.tolerance.simulated import simulated_tolerances
-from toros_fem.results.frames.files import FOLDER, read_frames
-from toros_fem.results.frames.shown_skin import read_skin
-from toros_fem.results.runs.files import SUMMARY
-from toros_fem.results.runs.summary_file import Summary, summary_of
+from toros_fem.products.tolerance.simulated import ToleranceResult, Variant, simulated_tolerances
+from toros_fem.results.runs.frames import FOLDER, read_frames, read_skin
+from toros_fem.results.runs.stored_run import SUMMARY, Summary, summary_of
 
 FILES = ("tolerance.json", "tolerance.csv", "tolerance.png")
 LESS = "#7FA6C9"

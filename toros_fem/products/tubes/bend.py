@@ -19,8 +19,7 @@ from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes.targets import bend
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated, bend_strain
-from toros_fem.products.tables.steps import DesignTable
-from toros_fem.products.tables.targets import BendAngle, bend_key
+from toros_fem.products.tables.steps import BendAngle, DesignTable, bend_key
 from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric
 
 

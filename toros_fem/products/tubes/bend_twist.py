@@ -15,8 +15,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.meshes.targets import bend, compose, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
-from toros_fem.products.tables.steps import LineTable
-from toros_fem.products.tables.targets import TwistAngle, twist_key
+from toros_fem.products.tables.steps import LineTable, TwistAngle, twist_key
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric, twist_metric
 

@@ -18,8 +18,7 @@ from toros_fem.meshes.targets import contract
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import SectionWeights
-from toros_fem.products.tables.steps import DesignTable
-from toros_fem.products.tables.targets import Shortening, shortening_key
+from toros_fem.products.tables.steps import DesignTable, Shortening, shortening_key
 from toros_fem.products.tubes.tube import (
     SectionTubeScene,
     SymmetricTube,

@@ -21,7 +21,7 @@ from toros_fem.meshes.targets import compose, contract, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import PressureTable, SectionWeights
-from toros_fem.products.tables.targets import TwistAngle, twist_key
+from toros_fem.products.tables.steps import TwistAngle, twist_key
 from toros_fem.products.tubes.tube import SectionTubeScene, length_metric, twist_metric
 
 # Width of the helices over that asked, if the length is kept: thin ones hold the axial lines less.

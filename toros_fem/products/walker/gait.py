@@ -21,9 +21,9 @@ from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.products.actuators.legs import tip_positions
-from toros_fem.results.frames.record import write_path
-from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.runs.warnings import notes_at
+from toros_fem.results.runs.frames import ShownSkin
+from toros_fem.results.runs.record import write_path
+from toros_fem.results.runs.stored_run import notes_at
 
 # The ground lies so far below the lowest point of the start, over the distance of contact.
 CLEARANCE = 0.5
@@ -225,10 +225,10 @@ def write_gait(
 
     def draw() -> None:
         from toros_fem.results.pictures.curves import cycle_title, draw_tracks
+        from toros_fem.results.pictures.raster import View
         from toros_fem.results.pictures.shapes import plot_states
         from toros_fem.results.pictures.shown import DrawnSkin
         from toros_fem.results.pictures.style import page
-        from toros_fem.results.pictures.view import View
 
         robot, shown = DrawnSkin(skin), []
         for number, k in enumerate(range(0, len(points), gait.steps)):

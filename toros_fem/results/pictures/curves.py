@@ -14,9 +14,8 @@ from toros_fem.base.array_types import Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import axis_label, formatted, unit_of
 from toros_fem.results.pictures import style
-from toros_fem.results.pictures.words import Word, write_words
-from toros_fem.results.runs.run_folder import StoredCurve
-from toros_fem.results.runs.warnings import BEYOND
+from toros_fem.results.pictures.style import Word, write_words
+from toros_fem.results.runs.stored_run import BEYOND, StoredCurve
 
 PRESSURE = "pressure (kPa)"
 UNTESTED = (0, (3, 2))

@@ -17,14 +17,12 @@ from toros_fem.base.errors import OutputError
 from toros_fem.base.files import naming, replace_file
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import formatted
-from toros_fem.results.frames.files import Frame
-from toros_fem.results.pictures.inflation import inflation_view
-from toros_fem.results.pictures.of_run import sentence, told_figures
-from toros_fem.results.pictures.shown import DrawnSkin
-from toros_fem.results.pictures.stage import Axonometry
+from toros_fem.results.pictures.of_run import inflation_view, sentence, told_figures
+from toros_fem.results.pictures.raster import View
+from toros_fem.results.pictures.shown import Axonometry, DrawnSkin
 from toros_fem.results.pictures.style import DARK, LETTERS, SOFT, TITLE
-from toros_fem.results.pictures.view import View
-from toros_fem.results.runs.run_folder import Run, read_run
+from toros_fem.results.runs.frames import Frame
+from toros_fem.results.runs.stored_run import Run, read_run
 
 # Width and height in inches, and pixels per inch: 720 × 405.
 SIZE, DPI = (7.2, 4.05), 100

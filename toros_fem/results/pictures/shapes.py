@@ -18,14 +18,11 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import State, overall, worst_of
 from toros_fem.measures.miss import DIRECTION, DISTANCE, Miss, Tip, is_of_shape, shape_figures
-from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures import style
-from toros_fem.results.pictures.raster import MARGIN, DrawnSurface
-from toros_fem.results.pictures.shown import DrawnSkin
-from toros_fem.results.pictures.stage import Axonometry, ground_below
-from toros_fem.results.pictures.style import ACCENT, DARK, EDGE, INK, SOFT, TEXT
-from toros_fem.results.pictures.view import View
-from toros_fem.results.pictures.words import Word, write_words
+from toros_fem.results.pictures.raster import MARGIN, DrawnSurface, View
+from toros_fem.results.pictures.shown import Axonometry, DrawnSkin, ground_below
+from toros_fem.results.pictures.style import ACCENT, DARK, EDGE, INK, SOFT, TEXT, Word, write_words
+from toros_fem.results.runs.frames import ShownSkin
 
 # Inches: what the verdict takes at the top, the words at the right, and the border.
 HEAD, WORDS, BORDER = 0.72, 2.72, 0.12

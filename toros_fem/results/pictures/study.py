@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from toros_fem.measures.figures import Figure, Unit, split_key, unit_of
 from toros_fem.results.pictures.style import INK, SERIES, SOFT, page, write_title
-from toros_fem.results.runs.summary_file import Summary
+from toros_fem.results.runs.stored_run import Summary
 
 # Charts at most, and curves with labels of their own.
 MOST, CURVES = 4, 8

@@ -20,7 +20,7 @@ from toros_fem.results.pictures.curves import (
     pressure_label,
 )
 from toros_fem.results.report.tables import metrics_of
-from toros_fem.results.runs.run_folder import Run
+from toros_fem.results.runs.stored_run import Run
 
 # Size in inches. The page shows charts about as large, so that letters have its size.
 SIZE = (6.0, 2.6)

@@ -17,9 +17,7 @@ from toros_fem.measures.figures import (
     verdict_of,
 )
 from toros_fem.measures.miss import is_of_shape
-from toros_fem.results.runs.run_folder import Run
-from toros_fem.results.runs.summary_file import Summary
-from toros_fem.results.runs.warnings import notes_at
+from toros_fem.results.runs.stored_run import Run, Summary, notes_at
 
 # Units that metrics have, which a run that was stopped does not tell by its figures.
 METRIC_UNITS = ("deg", "percent", "mm", "ratio")

@@ -1,1 +1,1 @@
-"""Runs that survive: a folder with its lock, what is kept of its loops, and signals."""
+"""Runs on disk: folders, frames, and how a run goes on."""

@@ -1,1 +1,0 @@
-"""Command lines of scripts and of `toros`: options, answers, exit codes, runs of scenes."""

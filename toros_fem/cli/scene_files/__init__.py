@@ -1,1 +1,0 @@
-"""Scene files: TOML for the configurations of all kinds, read strictly."""

@@ -1,1 +1,0 @@
-"""Studies: one scene with many values."""

@@ -1,1 +1,0 @@
-"""Tiles designed towards a profile of stiffness (Fig. 7)."""
