@@ -29,7 +29,7 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.products.tiles import search
 from toros_fem.products.tiles.problem import TileCase, TileDesignScene, measure_print
 from toros_fem.products.tiles.report import TileRun, write_tile_results

@@ -27,8 +27,8 @@ import toros_fem as tf
 from toros_fem.base.files import guarded, if_possible, write_table
 from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.making.sheets.write import write_manufacture
-from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.products.tiles.plots import plot_sheet
 from toros_fem.products.tiles.report import PrintedTile, print_layout
 from toros_fem.products.tiles.stiffness_profile import profiles, tile_solver

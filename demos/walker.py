@@ -24,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.mechanics.contact.settings import Pads
+from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.meshes import Star, mirrored, plane_centroids, stand, walker
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.walker.gait import Gait, flat_on_ground, walk_of, write_gait

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,8 +13,10 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import OtherMesh
 from toros_fem.meshes.triangles import half_edges, linked
+
+if TYPE_CHECKING:
+    from toros_fem.meshes.transfer import OtherMesh
 
 # Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
 FLAT = 1e-6
@@ -73,12 +76,13 @@ class Mirrored:
         order = np.argsort(known)
         wanted = keys(ends, np.where(outside[ends], made.signs[:, None], 1.0))
         triangles = len(self.cell) // self.parts
-        return OtherMesh(
-            self.pattern,
-            made.pattern,
-            (triangles * np.arange(self.parts)[:, None] + finer.cell).ravel(),
-            order[np.searchsorted(known[order], wanted)],
-            finer.weights[made.vertex],
+        return replace(
+            finer,
+            source=self.pattern,
+            pattern=made.pattern,
+            cell=(triangles * np.arange(self.parts)[:, None] + finer.cell).ravel(),
+            ends=order[np.searchsorted(known[order], wanted)],
+            weights=finer.weights[made.vertex],
         )
 
 

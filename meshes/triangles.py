@@ -215,6 +215,14 @@ def cross(u: Floats, v: Floats) -> Floats:
     return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
 
 
+def skew(vectors: Floats) -> Floats:
+    """Return the matrices, (…, 3, 3), of x ↦ a × x for vectors a, (…, 3)."""
+    matrix: Floats = np.zeros((*vectors.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[..., k, j], matrix[..., j, k] = vectors[..., i], -vectors[..., i]
+    return matrix
+
+
 def normals(points: Floats, triangles: Ints) -> Floats:
     """Return the normal of each triangle, as long as twice its area, (t, 3)."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)

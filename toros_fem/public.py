@@ -23,8 +23,9 @@ from toros_fem.measures.between_regions import (
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric, bend_angle, length_ratio, swelling, twist_angle
 from toros_fem.measures.shape import ShapePart
-from toros_fem.mechanics.contact.settings import Contact, Ground
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.contact.bodies import Ground
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import limit_points

@@ -37,7 +37,7 @@ from benchmarks.accuracy.tubes import (
     twist,
 )
 from toros_fem.materials.sheet import Membrane
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.makers.sheets import disc, rectangle

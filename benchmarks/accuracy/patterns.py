@@ -28,7 +28,7 @@ from benchmarks.accuracy.scenes import (
 )
 from benchmarks.accuracy.tubes import RADIUS
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.makers.flat import circle, ringed_disc

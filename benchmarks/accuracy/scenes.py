@@ -14,7 +14,7 @@ from mpi4py import MPI
 from benchmarks.accuracy.known import Known, Measured, timed
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, sew

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from benchmarks.accuracy.scenes import COMM
 from toros_fem.materials.sheet import Bending, Composite, Material
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports

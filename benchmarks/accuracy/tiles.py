@@ -21,7 +21,7 @@ from shapely.geometry.base import BaseGeometry
 
 from benchmarks.bench import Case, Row, Rows, markdown, timed, values_of
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.meshes import sew, tile
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver, tile_solver
 

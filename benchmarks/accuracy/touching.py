@@ -18,8 +18,8 @@ from benchmarks.accuracy.references import BALL
 from benchmarks.accuracy.scenes import COMM, Floats, Solved, membrane, table_a
 from benchmarks.accuracy.sheets import line_force
 from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.bodies import Ground, RigidBody
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

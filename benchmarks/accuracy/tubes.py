@@ -21,9 +21,9 @@ from benchmarks.accuracy.scenes import (
     without,
 )
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.model import make_model
 from toros_fem.meshes import Pattern, cylinder, sew
 
 RADIUS = 0.01  # m, of the tables' tubes

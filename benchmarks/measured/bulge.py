@@ -13,7 +13,7 @@ from benchmarks.bench import Row
 from benchmarks.measured.compared import FITTED, Compared, Floats, constant, rows_of, table
 from benchmarks.measured.skins import Held, border
 from toros_fem.materials.sheet import Composite, Material
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.makers.sheets import disc
 

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from benchmarks.measured.compared import Bools, Floats
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports

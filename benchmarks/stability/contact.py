@@ -24,9 +24,8 @@ from toros_fem.base.errors import TorosError
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.motion import placed
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.bodies import Ground, RigidBody, placed
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

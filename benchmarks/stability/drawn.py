@@ -24,7 +24,7 @@ from benchmarks.stability.scenes import Floats, triangle_panels
 from toros_fem.base.errors import TorosError
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load

@@ -15,9 +15,9 @@ from scipy.sparse import csr_array, triu
 
 from benchmarks.stability.scenes import Floats
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.terms.model import SkinModel
+from toros_fem.mechanics.terms.tangent import UpperTangent
 from toros_fem.meshes import Skin
 
 # Residual over the applied load that an equilibrium may have …

@@ -27,7 +27,7 @@ from benchmarks.stability.scenes import (
 )
 from toros_fem.base.errors import TorosError
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 

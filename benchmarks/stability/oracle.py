@@ -16,9 +16,9 @@ from scipy.linalg import eigh
 from benchmarks.stability.judge import Judge, scaled_tangent
 from benchmarks.stability.scenes import Floats
 from toros_fem.base.errors import TorosError
-from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.terms.model import SkinModel
 
 # Time in s after which neither one path of the solver nor the minimiser begins anything new.
 WAY, MINIMISER = 20.0, 60.0

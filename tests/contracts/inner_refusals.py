@@ -61,9 +61,9 @@ from toros_fem.measures.cross_sections import (
 )
 from toros_fem.measures.gap import Body
 from toros_fem.measures.shape import ShapeObjective
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
-from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.contact.bodies import Ground, RigidBody
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.readings.holding import HoldingObjective
@@ -73,6 +73,7 @@ from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Planes, Supports, build_in, clamp, symmetry_plane
+from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
 from toros_fem.meshes.border_mesh import bordered
 from toros_fem.meshes.transfer import make_transfer

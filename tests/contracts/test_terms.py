@@ -22,10 +22,10 @@ from scipy.spatial.transform import Rotation
 
 from toros_fem.base.compiled_forms import _KERNELS, compiled
 from toros_fem.forms.energy import SkinForms
-from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.assembly.tangent import MATERIAL, UpperTangent
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds
+from toros_fem.mechanics.terms.model import SkinModel
+from toros_fem.mechanics.terms.tangent import MATERIAL, UpperTangent
 
 STEP = 2e-8  # m: the fourth order's error is at rounding
 

@@ -14,7 +14,7 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem.base.errors import TorosWarning
 from toros_fem.design.density.filters import make_filter
-from toros_fem.mechanics.equilibrium.petsc_options import given_options
+from toros_fem.mechanics.equilibrium.newton import given_options
 from toros_fem.meshes import Pattern, cylinder
 
 SOFT = tf.Material(young=1e3, poisson=0.3, thickness=0.5e-3)
@@ -50,7 +50,7 @@ WARNS: dict[str, list[tuple[type[TorosWarning], Callable[[MPI.Comm], object]]]] 
             lambda c: solver(c, reinforcement=tf.Material(26e6, 0.3, 1e-3, c1=2.5, c2=3.0)),
         ),
     ],
-    "toros_fem/mechanics/equilibrium/petsc_options.py": [(TorosWarning, misspelt)],
+    "toros_fem/mechanics/equilibrium/newton.py": [(TorosWarning, misspelt)],
 }
 CALLS = [(place, k) for place, of in WARNS.items() for k in range(len(of))]
 

@@ -5,8 +5,8 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.mechanics.terms.model import make_model
 from toros_fem.meshes import cylinder, sew
 
 

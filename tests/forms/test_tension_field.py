@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 from toros_fem.base.errors import ParameterError
 from toros_fem.forms.membrane import natural_narrowing
 from toros_fem.materials.sheet import Bladder, Composite, Knit, Membrane
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.terms.model import SkinModel
 
 RESIDUAL = 1e-3
 

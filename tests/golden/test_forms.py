@@ -18,8 +18,8 @@ from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.designs import LineDesign
-from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.mechanics.terms.loads import Weight
+from toros_fem.mechanics.terms.periodic import UNIAXIAL, Periodic
 from toros_fem.meshes import cylinder, sew, tile
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tiles.stiffness_profile import tile_solver

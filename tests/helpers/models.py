@@ -8,12 +8,12 @@ from scipy.sparse import csr_matrix
 
 from helpers.scenes import square
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
-from toros_fem.mechanics.assembly.tangent import EXACT, Part, UpperTangent
 from toros_fem.mechanics.skin.designs import CROSSING, LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.loads import Weight
+from toros_fem.mechanics.terms.model import SkinModel, make_model
+from toros_fem.mechanics.terms.tangent import EXACT, Part, UpperTangent
 from toros_fem.meshes import Skin, sew
 
 SIZE = 0.02

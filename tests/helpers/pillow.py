@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from helpers.scenes import TABLE_A
 from toros_fem.materials.sheet import Composite, Membrane
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import sew

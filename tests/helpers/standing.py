@@ -3,9 +3,9 @@
 from typing import Any
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import Skin
 
 

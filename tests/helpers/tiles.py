@@ -18,7 +18,7 @@ from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
+from toros_fem.mechanics.terms.periodic import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
 from toros_fem.products.tiles.problem import (
     TileCase,

@@ -11,9 +11,11 @@ from mpi4py import MPI
 from helpers.scenes import square
 from helpers.standing import solver_on_base
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.contact.bodies import Ground
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp_where

@@ -54,7 +54,7 @@ from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
-from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -62,7 +62,7 @@ from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
+from toros_fem.mechanics.terms.periodic import UNIAXIAL, Periodic
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
 from toros_fem.products.tiles.problem import TileProblem
 from toros_fem.products.tiles.stiffness_profile import (

@@ -69,7 +69,7 @@ AFTER_BEND: dict[str, list[str]] = {
     "export": ["export", "bend", "--output", "export"],
     "tolerance": ["tolerance", "bend", "--output", "tolerance", "--modulus", "none",
                   "--thickness", "none"],
-    "force": ["force", "bend", "--output", "force", "--steps", "2", "--no-estimate-error"],
+    "force": ["force", "bend", "--output", "force", "--steps", "2", "--without-intervals"],
     "view": ["view", "bend"],
 }  # fmt: skip
 ALONE: dict[str, list[str]] = {

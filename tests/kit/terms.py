@@ -11,15 +11,17 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
-from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.contact.bodies import Ground
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
 from toros_fem.mechanics.terms.loads import Weight
+from toros_fem.mechanics.terms.model import SkinModel, make_model
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.meshes import Pattern, Skin, cylinder, sew, tile
 from toros_fem.meshes.pattern import Panel
 

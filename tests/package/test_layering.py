@@ -87,11 +87,15 @@ def test_faces_hand_names_on_and_do_nothing_else() -> None:
             assert kinds <= {ast.ImportFrom, ast.Assign}, path
 
 
-def test_an_equilibrium_loads_no_makers_of_meshes() -> None:
-    """The names of `meshes` are loaded when one is asked for."""
+def test_an_equilibrium_loads_neither_contact_nor_makers_of_meshes() -> None:
+    """A `Contact` brings its own term, and the names of `meshes` are loaded when one is asked for.
+
+    Nor does a design without contact.
+    """
     script = (
-        "import sys, toros_fem.mechanics.equilibrium.solver\n"
-        "print(*(n for n in sys.modules if n.startswith(('toros_fem.meshes.makers', 'gmsh'))))\n"
+        "import sys, toros_fem.mechanics.equilibrium.solver, toros_fem.design.loop.loop\n"
+        "late = ('toros_fem.meshes.makers', 'toros_fem.mechanics.contact', 'gmsh', 'ipctk')\n"
+        "print(*(n for n in sys.modules if n.startswith(late)))\n"
         "from toros_fem.meshes import bordered, cylinder, tile\n"
         "assert callable(bordered) and callable(tile)\n"
         "import toros_fem.meshes as meshes\n"

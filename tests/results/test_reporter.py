@@ -17,7 +17,7 @@ from mpi4py import MPI
 from toros_fem.base.files import guarded, replace_file
 from toros_fem.base.units import duration
 from toros_fem.design.loop.options import Iteration
-from toros_fem.mechanics.equilibrium.continuation import NewtonStep
+from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.results.reporter import DesignReporter, ProgressBar, header, line, print_step
 from toros_fem.results.runs.frames import FOLDER, Frame, read_frames, write_frame
 from toros_fem.results.runs.open_run import open_run

@@ -28,7 +28,6 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.compat import filled_form
 from toros_fem.base.errors import OutputError
-from toros_fem.base.files import naming
 from toros_fem.base.mpi import on_first_rank
 
 LOCK = "compiling.lock"
@@ -186,8 +185,10 @@ def _processor() -> str:
 
 
 def _make(folder: Path) -> None:
-    with naming(folder, OutputError, UNMADE):
+    try:
         folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(UNMADE.format(folder, error.strerror)) from None
 
 
 @contextmanager

@@ -49,14 +49,6 @@ def axial(matrices: Floats) -> Floats:
     return np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
 
 
-def skew(vectors: Floats) -> Floats:
-    """Return the matrices, (…, 3, 3), of x ↦ a × x for vectors a, (…, 3)."""
-    matrix: Floats = np.zeros((*vectors.shape, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        matrix[..., k, j], matrix[..., j, k] = vectors[..., i], -vectors[..., i]
-    return matrix
-
-
 def best_rotation(reference: Floats, deformed: Floats) -> Floats:
     """Return the rotation, (3, 3), that best maps centred points, (k, 3), onto others: R a ≈ b."""
     a, b = reference - reference.mean(axis=0), deformed - deformed.mean(axis=0)

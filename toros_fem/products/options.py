@@ -86,7 +86,9 @@ class ForceOptions(Table):
         'assembled point that the torque is about, in m, "0 0 0.15" for instance; it moves with '
         "the panel; none takes the centre of the panel's area",
     )
-    estimate_error: Flag = key(True, "tell intervals, from a coarser mesh of the same print")
+    without_intervals: Flag = key(
+        False, "tell no intervals, which come from a coarser mesh of the same print: half the time"
+    )
 
     def __post_init__(self) -> None:
         for name in ("direction", "point"):

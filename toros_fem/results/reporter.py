@@ -18,7 +18,7 @@ from toros_fem.base.units import duration
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.mechanics.equilibrium.continuation import NewtonStep
+from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.results.runs.frames import FOLDER, forget_from, rename
 from toros_fem.results.runs.open_run import begin_folder
 from toros_fem.results.runs.record import gathered_frame, write_step

@@ -16,7 +16,7 @@ def test_a_completed_trial_has_the_exact_gradient(
     short_tube: Skin, alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Trials with inexact Newton steps, completed, then differentiated."""
-    monkeypatch.setattr("toros_fem.mechanics.equilibrium.direction.KRYLOV_COST", 0.3)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.iteration.KRYLOV_COST", 0.3)
     solver = solver_on_base(short_tube)
     problem = full(short_tube, solver).changed(terms=())
     density = random_density(short_tube, 2, spread=0.3)

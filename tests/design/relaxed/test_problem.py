@@ -7,7 +7,7 @@ from helpers.designs import bounded, make_problem
 from toros_fem.base.errors import ParameterError
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.design.relaxed.problem import FixedDirections, FreeDirections, relaxed_problem
-from toros_fem.mechanics.equilibrium.continuation import NewtonStep
+from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
 

@@ -6,8 +6,8 @@ from helpers.scenes import square
 from kit.slopes import slope
 
 from toros_fem.mechanics.contact.barrier import Barrier, HalfSpacePairs
-from toros_fem.mechanics.contact.free_bodies import FreeBodies
-from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground
+from toros_fem.mechanics.contact.bodies import FreeBodies, Ground
+from toros_fem.mechanics.contact.layers import ContactSizes
 from toros_fem.mechanics.contact.solids import rigid_box
 
 SIZES = ContactSizes(5e-4, 1e-4, 1e6, 1e-4)
@@ -30,10 +30,11 @@ def corner() -> tuple[Barrier, Barrier, np.ndarray]:
     below = rigid_box("below", (6e-3, 6e-3, 2e-3), (0.011, 0.009, -1e-3 - FACE - 6e-5))
     above = rigid_box("above", (6e-3, 6e-3, 2e-3), (0.006, 0.012, 1e-3 + FACE + 7e-5))
     turn = np.array([0.0, 0.0, 0.0, 1e-3, 2e-3, 0.3])  # no edges in parallel
-    contact = Contact(GROUNDS, [below.moved(turn), above.moved(turn)])
-    bodies, fixed = FreeBodies(contact, SIZES.thickness), np.zeros(len(sheet.points), dtype=bool)
+    bodies = FreeBodies([below.moved(turn), above.moved(turn)], SIZES.thickness)
+    fixed = np.zeros(len(sheet.points), dtype=bool)
     parted, whole = (
-        Barrier(sheet, contact, SIZES, fixed, bodies, by_side=by_side) for by_side in (True, False)
+        Barrier(sheet, GROUNDS, bodies, SIZES, fixed, self_contact=True, by_side=by_side)
+        for by_side in (True, False)
     )
     places = np.concatenate([sheet.points, bodies.vertices(np.zeros((2, 6)))])
     return parted, whole, np.asfortranarray(places)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from helpers import surfaces
 
-from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.motion import rotation
+from toros_fem.mechanics.contact.bodies import RigidBody, rotation
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.meshes.surfaces.surface import volume
 from toros_fem.meshes.triangles import normals

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from kit.slopes import slope
 
-from toros_fem.mechanics.contact.free_bodies import FreeBodies
-from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.bodies import FreeBodies
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
 
 THICKNESS = 4e-4
@@ -20,7 +19,7 @@ def bodies() -> FreeBodies:
     table = rigid_box("table", (0.1, 0.1, 0.02), edge_length=0.1)
     crate = rigid_box("crate", (0.03, 0.02, 0.01), (0.0, 0.0, 0.5), edge_length=0.02)
     solids = [replace(ball, free=True), table, replace(crate, free=True)]
-    return FreeBodies(Contact(bodies=solids), THICKNESS)
+    return FreeBodies(solids, THICKNESS)
 
 
 def some_poses() -> np.ndarray:
@@ -94,10 +93,10 @@ def test_taylor(bodies: FreeBodies) -> None:
 
 def test_a_contact_without_free_bodies() -> None:
     table = rigid_box("table", (0.1, 0.1, 0.02), edge_length=0.1)
-    bodies = FreeBodies(Contact(bodies=[table]), THICKNESS)
+    bodies = FreeBodies([table], THICKNESS)
     poses = np.zeros((1, 6))
     assert bodies.count == 0
     assert bodies.jacobian(poses).shape == (24, 0)
     assert np.array_equal(bodies.poses(np.zeros((0, 6)), poses), poses)
-    none = FreeBodies(Contact(), THICKNESS)
+    none = FreeBodies([], THICKNESS)
     assert none.vertices(np.zeros((0, 6))).shape == none.triangles.shape == (0, 3)

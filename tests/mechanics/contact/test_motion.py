@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from toros_fem.mechanics.contact.motion import (
+from toros_fem.mechanics.contact.bodies import (
     placed,
     pose_curvature,
     pose_jacobian,

@@ -8,15 +8,15 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from toros_fem.mechanics.contact.neighbours import (
+from toros_fem.mechanics.contact.layers import (
     FLAT,
     FOLDED,
+    ContactSizes,
     collision_filter,
     leaving_out,
     neighbours,
     paths,
 )
-from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.meshes import Pattern, cylinder, finger, rectangle
 from toros_fem.meshes.triangles import edges_of, lengths
 

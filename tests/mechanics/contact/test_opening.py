@@ -8,8 +8,8 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.mechanics.contact.barrier import HalfSpacePairs
-from toros_fem.mechanics.contact.opening import check_start, opened, skin_mesh
-from toros_fem.mechanics.contact.settings import ContactSizes, Ground
+from toros_fem.mechanics.contact.bodies import Ground
+from toros_fem.mechanics.contact.layers import ContactSizes, check_start, opened, skin_mesh
 from toros_fem.meshes import Pattern, cylinder, finger, rectangle, two_panels, walker
 from toros_fem.meshes.makers.flat import circle
 from toros_fem.meshes.pattern import Panel

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground, Pads
-from toros_fem.mechanics.contact.sliding import Coulomb, SlidingFriction
+from toros_fem.mechanics.contact.sliding import Coulomb, Pads, SlidingFriction
 from toros_fem.mechanics.contact.solids import rigid_box
 
 ONE = np.ones(1, dtype=bool)
@@ -53,8 +52,7 @@ def test_vertices_with_pads_and_without() -> None:
     """On the ground pads have their law; other vertices, and other sides, have Coulomb's."""
     body = rigid_box("box", (0.1, 0.1, 0.1), (0.0, 0.0, 0.0))
     pads = Pads(np.array([True, False]), forward=0.2, backward=0.8)
-    contact = Contact(ground=Ground(), bodies=[body], friction=0.5, pads=pads)
-    friction = SlidingFriction(contact, ContactSizes(1e-3, 1e-4, 1e5, 1e-5))
+    friction = SlidingFriction(0.5, 1e-5, 1, [body], pads)
     points, poses = np.zeros((2, 3)), np.zeros((1, 6))
     friction.begin(np.zeros((2, 2, 3)))
     friction.lag(np.tile([0.0, 0.0, 2.0], (2, 2, 1)), points, poses)

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import dot, smallest
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.contact import Contact, SkinContact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -46,6 +46,7 @@ def direction(solver: EquilibriumSolver, size: float) -> np.ndarray:
 
 def test_the_skin_rests_on_floor_and_ball(solver: EquilibriumSolver, touching: Equilibrium) -> None:
     contact = solver.model.contact
+    assert isinstance(contact, SkinContact)
     assert 0 < touching.smallest_distance < contact.sizes.distance
     assert not contact.crossed(touching.state)
     forces = contact.forces(touching.state)
@@ -82,9 +83,10 @@ def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin
     assert pushed.poses == ((0.0, -0.006, 0.0, 0.5, 0.0, 0.0),)
     assert pushed.smallest_distance > 0
     assert pushed.volume < 0.995 * free.volume
-    assert not solver.model.contact.crossed(pushed.state)
-    model = solver.model
-    forces = model.contact.forces(pushed.state)
+    term = solver.model.contact
+    assert isinstance(term, SkinContact)
+    assert not term.crossed(pushed.state)
+    forces = term.forces(pushed.state)
     assert -forces[len(tube.pattern.points) :].sum(axis=0)[1] > 0.05, "the tube pushes it out"
     back = solver.solve(density, 2e3, start=pushed)
     assert back.energy == pytest.approx(free.energy, rel=1e-9)
@@ -124,6 +126,7 @@ def test_neighbours_of_a_thick_sheet_do_not_cross(comm: MPI.Comm) -> None:
     thick = Contact(thickness=0.03, distance=1e-3, stiffness=1e4)
     solver = EquilibriumSolver(skin, Composite(), Supports(fixed), contact=thick)
     model, contact = solver.model, solver.model.contact
+    assert isinstance(contact, SkinContact)
     state = model.state_of(shape[skin.owned_vertices])
     energy = contact.energy(state)
     assert 0 < energy < np.inf

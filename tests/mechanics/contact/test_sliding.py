@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from kit.slopes import slope
 
-from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.motion import placed
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.bodies import placed
 from toros_fem.mechanics.contact.sliding import SlidingFriction
 from toros_fem.mechanics.contact.solids import rigid_box
 
@@ -23,8 +21,7 @@ NORMALS[1, 2:4] = 0.0
 @pytest.fixture
 def friction() -> SlidingFriction:
     """Anchors from a fraction of the slip to several times of it away."""
-    contact = Contact(Ground(), [BOX], friction=0.5, slip=SLIP)
-    found = SlidingFriction(contact, contact.sizes(Composite()))
+    found = SlidingFriction(0.5, SLIP, 1, [BOX])
     rest = found.at_rest(POINTS, POSES)
     away = (
         np.random.default_rng(2).standard_normal(rest.shape)

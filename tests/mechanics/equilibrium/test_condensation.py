@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix, diags, identity, kron, triu
 
 from toros_fem.base.errors import TorosError
 from toros_fem.mechanics.equilibrium import cholmod
-from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, Partition, find_partition
+from toros_fem.mechanics.equilibrium.linear_solver import CondensedFactor, Partition, find_partition
 
 LENGTH, WIDTH = 60, 16
 
@@ -66,7 +66,7 @@ def test_the_calls_are_compiled_where_they_are_not_there(
 def test_solutions_and_verdicts(
     threads: int, comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("toros_fem.mechanics.equilibrium.condensation.LEAST_PART", 100)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.linear_solver.LEAST_PART", 100)
     K = strip()
     factor, rows, upper = make(K, comm, threads)
     assert factor.parts == (comm.size if comm.size > 1 else threads)
@@ -93,7 +93,7 @@ def test_one_negative_pivot_anywhere(
     threads: int, place: float, comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In one part or in the interface: all ranks say so, and the next matrix is factorised."""
-    monkeypatch.setattr("toros_fem.mechanics.equilibrium.condensation.LEAST_PART", 100)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.linear_solver.LEAST_PART", 100)
     K = strip(1)
     factor, rows, upper = make(K, comm, threads)
     chosen = int(place * K.shape[0])
@@ -123,7 +123,7 @@ def test_repeated_runs_agree_to_the_last_digit(
     comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Threads change nothing from run to run."""
-    monkeypatch.setattr("toros_fem.mechanics.equilibrium.condensation.LEAST_PART", 100)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.linear_solver.LEAST_PART", 100)
     results = []
     for _ in range(2):
         factor, rows, upper = make(strip(2), comm, 2)

@@ -8,6 +8,7 @@ from helpers.touching import Lifted, sheet_with_ball
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
+from toros_fem.mechanics.contact.contact import SkinContact
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 
@@ -33,6 +34,7 @@ def test_the_ball_hands_the_force_on(lifted: Lifted, pressed: Equilibrium) -> No
     """To the solver's tolerance: what little stiffness a free ball has takes no force."""
     solver, _ = lifted
     contact = solver.model.contact
+    assert isinstance(contact, SkinContact)
     assert pressed.smallest_distance > 0
     forces = contact.forces(pressed.state)
     skin, ball = len(solver.skin.pattern.points), len(contact.contact.bodies[0].points)
@@ -65,6 +67,7 @@ def test_a_ball_that_has_turned_far_starts_from_less(lifted: Lifted, pressed: Eq
     solver, load = lifted
     model, comm = solver.model, solver.skin.comm
     turned = pressed.state.copy()
+    assert isinstance(model.contact, SkinContact)
     motions = comm.bcast(model.contact.motions(turned), root=0)
     vector = motions[0, 3:]
     radius = model.contact.contact.bodies[0].radius

@@ -9,7 +9,8 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.bodies import Ground
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_box
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

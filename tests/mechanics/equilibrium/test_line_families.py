@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.supports import Supports

@@ -13,12 +13,17 @@ from petsc4py import PETSc
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
-from toros_fem.mechanics.assembly.model import make_model
-from toros_fem.mechanics.assembly.tangent import EXACT, MATERIAL, STRAINS, UpperTangent
 from toros_fem.mechanics.equilibrium.cholmod import library
-from toros_fem.mechanics.equilibrium.condensation import Partition, find_partition
-from toros_fem.mechanics.equilibrium.linear_solver import LEAST, MILD, TangentFactor
+from toros_fem.mechanics.equilibrium.linear_solver import (
+    LEAST,
+    MILD,
+    Partition,
+    TangentFactor,
+    find_partition,
+)
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
+from toros_fem.mechanics.terms.model import make_model
+from toros_fem.mechanics.terms.tangent import EXACT, MATERIAL, STRAINS, UpperTangent
 from toros_fem.meshes import Skin, cylinder, sew
 
 
@@ -162,7 +167,7 @@ def test_without_cholmod_mumps_factorises(
     model = model_on_base(tube)
     model.set_density(np.full(len(tube.owned_cells), 0.5))
     own = TangentFactor(model)
-    monkeypatch.setattr("toros_fem.mechanics.equilibrium.cholmod.library", lambda comm: None)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.linear_solver.library", lambda comm: None)
     other = TangentFactor(model)
     monkeypatch.undo()
     monkeypatch.setattr("toros_fem.mechanics.equilibrium.linear_solver.LARGEST_INTERFACE", -1)

@@ -11,10 +11,9 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
-from toros_fem.mechanics.equilibrium.path import critical_load
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError, critical_load
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths import arc_length
 from toros_fem.mechanics.paths.trace import trace

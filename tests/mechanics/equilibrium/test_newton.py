@@ -14,7 +14,7 @@ from scipy.special import ellipe, ellipk
 from benchmarks.stability.matrix import Request, Stage
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
-from toros_fem.mechanics.equilibrium.continuation import NewtonStep
+from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, sew
@@ -39,7 +39,7 @@ def test_older_factors_take_the_place_of_factorisations(
     short_tube: Skin, short_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On large skins; here as many iterations are allowed as there."""
-    monkeypatch.setattr("toros_fem.mechanics.equilibrium.direction.KRYLOV_COST", 0.3)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.iteration.KRYLOV_COST", 0.3)
     solver = solver_on_base(short_tube)
     rng = np.random.default_rng(1)
     base = (0.5 + 0.3 * rng.random(len(short_tube.pattern.panel)))[short_tube.owned_cells]
@@ -63,7 +63,7 @@ def test_older_factors_stop_at_a_negative_curvature(
     short_tube: Skin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Their first direction tells it: one iteration with them, and one with factors of K + τM."""
-    monkeypatch.setattr("toros_fem.mechanics.equilibrium.direction.KRYLOV_COST", 0.3)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.iteration.KRYLOV_COST", 0.3)
     solver = solver_on_base(short_tube)
     found = solver.solve(np.zeros(len(short_tube.owned_cells)), 20e3)
     shifted = [row.iterations for row in found.history[1:] if row.shift > 0 and row.step]

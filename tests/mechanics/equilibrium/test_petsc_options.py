@@ -17,7 +17,7 @@ from toros_fem.base.errors import ParameterError, TorosWarning
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.petsc_options import given_options
+from toros_fem.mechanics.equilibrium.newton import given_options
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, cylinder, sew
@@ -187,6 +187,6 @@ def test_what_a_hook_raises_passes(solve: Solve, monkeypatch: pytest.MonkeyPatch
     def interrupted(*_: Any) -> float:
         raise KeyboardInterrupt("by the user")
 
-    monkeypatch.setattr("toros_fem.mechanics.assembly.model.SkinModel.largest_step", interrupted)
+    monkeypatch.setattr("toros_fem.mechanics.terms.model.SkinModel.largest_step", interrupted)
     with pytest.raises(KeyboardInterrupt, match="by the user"):
         solve()

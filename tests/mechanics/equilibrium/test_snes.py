@@ -6,8 +6,7 @@ from helpers.standing import model_on_base
 from petsc4py import PETSc
 
 from toros_fem.base.mpi import norm
-from toros_fem.mechanics.equilibrium.newton import Attempts, Newton
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import Attempts, Newton, NewtonOptions
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import Skin
 

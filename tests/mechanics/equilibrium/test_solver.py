@@ -14,9 +14,10 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import SEAMS, Bending, Composite, Material
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.bodies import Ground
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, clamp_where, pin, symmetry_plane
 from toros_fem.meshes import Pattern, Skin, cylinder, finger, sew, two_panels, walker

@@ -29,7 +29,7 @@ from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, UNIAXIAL, Periodic
+from toros_fem.mechanics.terms.periodic import ALL_PRESCRIBED, UNIAXIAL, Periodic
 from toros_fem.meshes import sew
 from toros_fem.products.tiles.problem import lifted
 from toros_fem.products.tiles.stiffness_profile import ALONG, tile_solver

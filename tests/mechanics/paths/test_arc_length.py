@@ -14,7 +14,8 @@ from scipy.optimize import brentq
 from benchmarks.accuracy.snapping import Scene, roof, unbounded_tube
 from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.bodies import Ground
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths import arc_length

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.rigid_panels import panel_stiffness, solve_for, solve_rigid, wrench
 from toros_fem.mechanics.skin.load import Load

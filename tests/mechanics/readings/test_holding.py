@@ -6,7 +6,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.meshes import Skin, sew

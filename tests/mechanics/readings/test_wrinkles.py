@@ -15,7 +15,7 @@ from toros_fem.forms.kinematics import Triangle, edge_products
 from toros_fem.forms.membrane import tension_field
 from toros_fem.materials.sheet import Bending, Composite, Membrane
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkle_field, wrinkles
 from toros_fem.mechanics.skin.supports import Supports

@@ -11,10 +11,10 @@ from scipy.sparse import csr_matrix
 
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, chambers_of_panels, find_walls
 from toros_fem.mechanics.skin.supports import Planes, clamp
+from toros_fem.mechanics.terms.model import SkinModel
+from toros_fem.mechanics.terms.tangent import UpperTangent
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
 LENGTH, RADIUS = 0.06, 0.01

@@ -4,7 +4,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.solver import relaxed_into_bounds
+from toros_fem.mechanics.equilibrium.search import relaxed_into_bounds
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, Skin

@@ -8,12 +8,12 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp
+from toros_fem.mechanics.terms.model import make_model
 from toros_fem.mechanics.terms.sheet import find_hinges
 from toros_fem.meshes import Pattern, rectangle, sew
 from toros_fem.meshes.pattern import Panel

@@ -7,11 +7,11 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import PatternError
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import cylinder, moulded, sew
 
 FORCE = np.array([[0.0, 3.0, 4.0], [0.0, 0.0, 0.0]])

@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
+from toros_fem.mechanics.terms.model import make_model
 from toros_fem.meshes import Pattern, cylinder, sew
 
 LENGTH, RADIUS = 0.03, 0.01

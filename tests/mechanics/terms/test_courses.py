@@ -12,11 +12,11 @@ from scipy.optimize import minimize, root
 
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Bending, Composite, Knit, Material
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.terms.model import SkinModel, make_model
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.meshes import Skin, cylinder, sew
 from toros_fem.meshes.makers.tile import tile
 from toros_fem.products.tiles.stiffness_profile import tile_solver

@@ -16,7 +16,6 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Bladder, Composite, Material
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.skin.designs import (
     CROSSING,
     crossing_of_widths,
@@ -24,6 +23,7 @@ from toros_fem.mechanics.skin.designs import (
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.mechanics.terms.loads import Weight
+from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import Skin, sew
 
 WEIGHT = Weight(0.2, 2.0)

@@ -10,12 +10,12 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
-from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
+from toros_fem.mechanics.terms.model import SkinModel
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.makers.sheets import rectangle
 

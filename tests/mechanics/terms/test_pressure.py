@@ -6,9 +6,9 @@ from helpers.standing import model_on_base
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import Skin, cylinder, sew
 
 LENGTH, RADIUS = 0.05, 0.01

@@ -7,13 +7,13 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bending, Composite, Material
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.dead_loads import point_force
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import pattern_edges
 from toros_fem.mechanics.skin.supports import Supports, clamp, pin, symmetry_plane
+from toros_fem.mechanics.terms.model import make_model
 from toros_fem.meshes import cylinder, mirrored, sew
 from toros_fem.meshes.makers.sheets import rectangle
 

@@ -12,9 +12,9 @@ from mpi4py import MPI
 from toros_fem.base.mpi import norm
 from toros_fem.design.density.filters import make_filter
 from toros_fem.materials.sheet import Bending, Composite, Material
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, clamp_where, symmetry_plane
+from toros_fem.mechanics.terms.model import make_model
 from toros_fem.meshes import Pattern, cylinder, moulded, sew
 from toros_fem.meshes.transfer import refine
 

@@ -33,7 +33,7 @@ from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, Periodic
+from toros_fem.mechanics.terms.periodic import ALL_PRESCRIBED, Periodic
 from toros_fem.meshes import Tile, sew
 from toros_fem.products.tiles.stiffness_profile import (
     Contrast,

@@ -53,7 +53,7 @@ class Progress(Command, kw_only=True):
 
     def petsc_given(self) -> AbstractContextManager[None]:
         """Let PETSc have these options in a `with` block."""
-        from toros_fem.mechanics.equilibrium.petsc_options import given_options
+        from toros_fem.mechanics.equilibrium.newton import given_options
 
         return given_options(self.petsc)
 

@@ -35,7 +35,7 @@ class Force(Command, ForceOptions, kw_only=True):
     EXAMPLES: ClassVar = (
         "toros force run",
         "toros force run --turns free --steps 8",
-        'toros force run --pressure "10 kPa" --no-estimate-error --json',
+        'toros force run --pressure "10 kPa" --without-intervals --json',
     )
 
     def __call__(self, comm: MPI.Comm) -> Answer:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
@@ -24,7 +25,6 @@ from toros_fem.measures.shape import (
     checked_target,
     require_objective,
 )
-from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import carried_force
 from toros_fem.mechanics.skin.supports import Supports
@@ -34,6 +34,9 @@ from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.transfer import OtherMesh, make_transfer, refine
+
+if TYPE_CHECKING:
+    from toros_fem.mechanics.contact.contact import Contact
 
 # Weight of ln p in T: one per cent of the pressure is worth as much as a change of the miss from
 # 2.2 to 2.25 % of the skin's length. Ten times less drifts to much print under much pressure.

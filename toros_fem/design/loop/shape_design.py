@@ -33,9 +33,9 @@ from toros_fem.design.loop.problem import DesignProblem, Evaluation, ObjectiveTe
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import check_metrics
 from toros_fem.measures.shape import checked_target, require_near
-from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.iteration import NewtonStep
+from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin, sew

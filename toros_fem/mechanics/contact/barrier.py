@@ -11,16 +11,22 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.mechanics.contact.free_bodies import FreeBodies
-from toros_fem.mechanics.contact.library import collision_mesh, ipctk, patches_apart
-from toros_fem.mechanics.contact.neighbours import (
+from toros_fem.mechanics.contact.bodies import (
+    FreeBodies,
+    Ground,
+    collision_mesh,
+    ipctk,
+    patches_apart,
+)
+from toros_fem.mechanics.contact.layers import (
+    ContactSizes,
+    StartCheck,
+    check_start,
     collision_filter,
     leaving_out,
     neighbours,
     sizes_between_neighbours,
 )
-from toros_fem.mechanics.contact.opening import StartCheck, check_start
-from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground
 from toros_fem.meshes.pattern import Pattern
 
 # Pairs are looked for within a margin, over the reach of contact: they hold until a vertex has
@@ -45,34 +51,33 @@ class Barrier:
     def __init__(
         self,
         pattern: Pattern,
-        contact: Contact,
+        grounds: Sequence[Ground],
+        bodies: FreeBodies,
         sizes: ContactSizes,
         prescribed: Bools,
-        bodies: FreeBodies,
         *,
+        self_contact: bool,
         by_side: bool,
     ) -> None:
-        self._pattern, self._contact, self._sizes = pattern, contact, sizes
+        self._pattern, self._half_spaces, self._sizes = pattern, grounds, sizes
         self._count, self._bodies = len(pattern.points), bodies
         counts = [self._count, *bodies.counts]
         self._owners = np.repeat(np.arange(len(counts)), counts)  # 0 for the skin
-        made = bodies.vertices(np.zeros((len(contact.bodies), 6)))
+        made = bodies.vertices(np.zeros((len(bodies.names), 6)))
         self._rest = np.concatenate([pattern.points, made])
         self._triangles = np.concatenate([pattern.triangles, bodies.triangles + self._count])
         self._areas = np.concatenate([pattern.areas, bodies.areas])
         near: Ints = np.zeros((0, 2), dtype=np.int64)
-        if contact.self_contact:
+        if self_contact:
             near = neighbours(pattern, sizes)
-        every = collision_filter(
-            prescribed, bodies.counts, contact.free_bodies, self_contact=contact.self_contact
-        )
+        every = collision_filter(prescribed, bodies.counts, bodies.free, self_contact=self_contact)
         self._may_touch = every & leaving_out(near)
         self._apart = list(self.sides if by_side else self._grounds)
-        others, more = self._may_touch, bool(contact.bodies)
+        others, more = self._may_touch, bool(bodies.names)
         if by_side:
             others = ~patches_apart(self._owners == 0) & others
-            more = bool(contact.free_bodies) and len(contact.bodies) > 1
-        if contact.self_contact or more:
+            more = bodies.count > 0 and len(bodies.names) > 1
+        if self_contact or more:
             self._apart.append(self._surfaces(sizes, others))
         self._sets = self._apart
         if len(near):  # which cannot keep a thickness apart
@@ -87,7 +92,7 @@ class Barrier:
         standing = np.append(np.arange(self._count), self._count + self._bodies.moving)
         areas = thirds(self._triangles, self._areas, len(self._rest))[standing]
         return [
-            HalfSpacePairs(ground, standing, areas, self._sizes) for ground in self._contact.grounds
+            HalfSpacePairs(ground, standing, areas, self._sizes) for ground in self._half_spaces
         ]
 
     @cached_property
@@ -97,7 +102,7 @@ class Barrier:
         skin = patches_apart(self._owners == 0) & self._may_touch
         bodies = [
             self._surfaces(self._sizes, patches_apart(self._owners == body) & skin)
-            for body in range(1, 1 + len(self._contact.bodies))
+            for body in range(1, 1 + len(self._bodies.names))
         ]
         return [*self._grounds, *bodies]
 
@@ -139,8 +144,7 @@ class Barrier:
         """Return why vertices can be no start: the worst place, in words."""
         checks = [pairs.check(x) for pairs in self._apart]
         worst = min(checks, key=lambda found: (found.admissible, not found.ground, found.distance))
-        names = [body.name for body in self._contact.bodies]
-        owners = [names[k - 1] for k in self._owners[self._count :]]
+        owners = [self._bodies.names[k - 1] for k in self._owners[self._count :]]
         return None if worst.admissible else worst.sentence(self._pattern, x, owners)
 
     def crossed(self, x: Floats) -> bool:

@@ -2,14 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.mechanics.contact.motion import pose_curvature, pose_jacobian, rotation
-from toros_fem.mechanics.contact.settings import Contact, ContactSizes
+from toros_fem.base.validation import checked_bools, require_positive, unit_vector
+from toros_fem.mechanics.contact.bodies import RigidBody, pose_curvature, pose_jacobian, rotation
+
+
+@dataclass(frozen=True, eq=False)
+class Pads:
+    """Pads on a skin that slide easily in one direction along the ground.
+
+    Attributes:
+        vertices: Whether each assembled vertex carries a pad, (n,).
+        direction: Direction in which they slide easily; its length does not matter. What of it is
+            normal to the ground is left out.
+        forward: Coefficient of friction in this direction.
+        backward: Coefficient against this direction and across it, at least `forward`.
+    """
+
+    vertices: Bools
+    direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    forward: float = 0.2
+    backward: float = 0.8
+
+    def __post_init__(self) -> None:
+        require_positive(backward=self.backward)
+        require_positive(at_most=self.backward, forward=self.forward)
+        shape = (len(self.vertices),)
+        vertices = checked_bools("vertices", self.vertices, "assembled vertex", shape).copy()
+        vertices.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        given = unit_vector("direction", self.direction)
+        object.__setattr__(self, "direction", tuple(float(v) for v in given))
 
 
 class SlidingFriction:
@@ -32,11 +61,16 @@ class SlidingFriction:
         normals: Normal force in N on each vertex from each side, as of `lag`.
     """
 
-    def __init__(self, contact: Contact, sizes: ContactSizes) -> None:
-        assert contact.friction is not None
-        self.friction, self.slip = contact.friction, sizes.slip
-        self.grounds, self._pads = len(contact.grounds), contact.pads
-        centres = [np.zeros(3)] * self.grounds + [body.centre for body in contact.bodies]
+    def __init__(
+        self,
+        friction: float,
+        slip: float,
+        grounds: int,
+        bodies: Sequence[RigidBody],
+        pads: Pads | None = None,
+    ) -> None:
+        self.friction, self.slip, self.grounds, self._pads = friction, slip, grounds, pads
+        centres = [np.zeros(3)] * grounds + [body.centre for body in bodies]
         self._centres: Floats = np.reshape(centres, (-1, 1, 3))
         self.begin(np.zeros((self.sides, 0, 3)))
 

@@ -13,14 +13,18 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import In, Positive, Real, Table, key
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.measures.metrics import Metric
-from toros_fem.mechanics.assembly.tangent import UpperTangent
-from toros_fem.mechanics.equilibrium.diagnostics import condition_of
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError, readings
+from toros_fem.mechanics.equilibrium.equilibrium import (
+    Equilibrium,
+    EquilibriumError,
+    condition_of,
+    readings,
+)
 from toros_fem.mechanics.equilibrium.iteration import RESOLVED, STAGNATED, STUCK, UNRESOLVED
 from toros_fem.mechanics.equilibrium.linear_solver import MumpsFactor
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.terms.tangent import UpperTangent
 
 # Newton steps after which a point is given up, and number at which the steps along the path keep
 # their length.

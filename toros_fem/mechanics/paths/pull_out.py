@@ -13,7 +13,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import real_numbers, require_kind, shown, unit_vector
-from toros_fem.mechanics.contact.skin_contact import SkinContact
+from toros_fem.mechanics.contact.contact import SkinContact
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
@@ -76,7 +76,7 @@ def pull_out(
     if steps.ndim != 1 or not len(steps) or steps[0] != 0 or not (np.diff(steps) > 0).all():
         raise ParameterError(f"depths = {shown(depths)} must be distances in m, ascending from 0.")
     contact = solver.model.contact
-    if contact is None or not 0 <= body < len(contact.contact.bodies):
+    if not isinstance(contact, SkinContact) or not 0 <= body < len(contact.contact.bodies):
         raise ParameterError(f"the solver's contact has no body number {body}.")
     pull = _Pull(solver, contact, density, load_of(load), along, body)
     return pull.follow(steps, closed)

@@ -25,13 +25,13 @@ from toros_fem.base.validation import (
     require_kind,
     require_positive,
 )
-from toros_fem.measures.rotation import skew
-from toros_fem.mechanics.assembly.tangent import CHUNK, TriangleMatrices
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import centre_of, rigid_displacement, vertices_of_panels
+from toros_fem.mechanics.terms.tangent import CHUNK, TriangleMatrices
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.triangles import skew
 
 # A free panel rests where its wrench is below this part of the forces at its vertices.
 RESTS = 1e-7

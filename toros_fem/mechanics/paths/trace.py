@@ -21,12 +21,9 @@ from toros_fem.base.validation import (
     shown,
 )
 from toros_fem.measures.metrics import Metric, check_metrics
-from toros_fem.mechanics.equilibrium.continuation import (
-    Attempt,
-    ContinuationResult,
-    run_continuation,
-)
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.newton import Attempt
+from toros_fem.mechanics.equilibrium.search import ContinuationResult, run_continuation
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions, follow_arc, follow_volumes
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point

@@ -13,8 +13,9 @@ from toros_fem.base.mpi import OnFirst, gather_by_index
 from toros_fem.base.validation import checked_floats, require_between, require_positive
 from toros_fem.measures.shape import Nodes, require_nodes
 from toros_fem.mechanics.contact.barrier import Barrier
-from toros_fem.mechanics.contact.free_bodies import FreeBodies
-from toros_fem.mechanics.contact.settings import Contact, ContactSizes
+from toros_fem.mechanics.contact.bodies import FreeBodies
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.contact.layers import ContactSizes
 
 
 class HoldingObjective:
@@ -53,10 +54,13 @@ class HoldingObjective:
         self._force, self._factor = force, factor
         pattern, prescribed = skin.pattern, np.asarray(fixed.all(axis=1))
         touched = replace(contact, ground=None, pads=None, self_contact=False)
-        bodies = FreeBodies(touched, sizes.thickness)
+        bodies = FreeBodies(touched.bodies, sizes.thickness)
         self._places = bodies.vertices(np.zeros((len(touched.bodies), 6)))
         self._barrier = OnFirst(
-            skin.comm, lambda: Barrier(pattern, touched, sizes, prescribed, bodies, by_side=True)
+            skin.comm,
+            lambda: Barrier(
+                pattern, (), bodies, sizes, prescribed, self_contact=False, by_side=True
+            ),
         )
 
     def force(self, positions: Floats) -> float:

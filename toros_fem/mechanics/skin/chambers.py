@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +17,12 @@ from toros_fem.base.validation import (
     require_kind,
     whole_numbers,
 )
-from toros_fem.measures.rotation import skew
 from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import OtherMesh
-from toros_fem.meshes.triangles import between, half_edges
+from toros_fem.meshes.triangles import between, half_edges, skew
+
+if TYPE_CHECKING:
+    from toros_fem.meshes.transfer import OtherMesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from toros_fem.base.validation import checked_floats
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.coefficients import cell_space
+from toros_fem.mechanics.skin.patch_space import cell_space
 from toros_fem.meshes.skin import Skin
 
 # Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses of print and

@@ -16,7 +16,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import surface_areas
 
 if TYPE_CHECKING:
-    from toros_fem.mechanics.assembly.model import SkinModel
+    from toros_fem.mechanics.terms.model import SkinModel
 
 # Volume over the area to the power of 1.5 below which, with a minus, a skin faces inwards; others
 # are flat, but for rounding. A ball has 0.09.

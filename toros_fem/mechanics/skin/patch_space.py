@@ -1,4 +1,4 @@
-"""Patch space: each triangle sees its corners, its neighbours' far vertices, and more unknowns."""
+"""Patch space, in which a triangle sees corners, far vertices and more unknowns; coefficients."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from toros_fem.base import compat
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import gather_by_index
+from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.skin import Skin, concatenated_index_map
 from toros_fem.meshes.triangles import edge_keys, opposite_edges
 
@@ -181,3 +182,37 @@ def pattern_edges(skin: Skin) -> tuple[Ints, int]:
     found = keys(skin.vertex[skin.position_space.dofmap.list])
     edges[facets.ravel()] = np.searchsorted(known, found).ravel()
     return edges, len(known)
+
+
+def cell_space(skin: Skin, size: int) -> fem.FunctionSpace:
+    """Return the space of functions with rows of so many values."""
+    return fem.functionspace(skin.mesh, basix.ufl.element("DG", "triangle", 0, shape=(size,)))
+
+
+def cell_function(space: fem.FunctionSpace, rows: Floats, name: str | None = None) -> fem.Function:
+    """Return a function with the rows of all local triangles, (cells, size)."""
+    function = fem.Function(space, name=name)
+    set_cells(function, rows)
+    return function
+
+
+def set_cells(function: fem.Function, rows: Floats) -> None:
+    """Set the rows of all local triangles, (cells, size), in the order of the mesh."""
+    place = function.function_space.dofmap.list[:, 0]
+    function.x.array.reshape(-1, rows.shape[1])[place] = rows
+
+
+def constants(skin: Skin, *values: float) -> list[fem.Constant]:
+    """Return numbers as constants, so that forms are compiled once for all values."""
+    return [fem.Constant(skin.mesh, value) for value in values]
+
+
+def lame_constants(
+    skin: Skin, composite: Composite, factors: Sequence[float]
+) -> tuple[list[fem.Constant], list[fem.Constant]]:
+    """Return μ and λ, each of fabric and print, times a factor for each of the materials."""
+    pairs = list(zip(factors, (composite.fabric, composite.reinforcement), strict=True))
+    return (
+        constants(skin, *(factor * material.mu for factor, material in pairs)),
+        constants(skin, *(factor * material.lam for factor, material in pairs)),
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import permutations, product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -25,8 +26,10 @@ from toros_fem.base.validation import (
 )
 from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import OtherMesh
 from toros_fem.meshes.triangles import edge_keys, following, half_edges, linked, opposite_edges
+
+if TYPE_CHECKING:
+    from toros_fem.meshes.transfer import OtherMesh
 
 # Number of what closes a border in place of the axis of a plane.
 RIM = 3

@@ -14,9 +14,8 @@ from toros_fem.base.validation import checked_floats, require_between
 from toros_fem.forms.jets import Jet, cross, dot
 from toros_fem.forms.kinematics import Triangle, flat_area, interpolate
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, find_lids, find_walls
-from toros_fem.mechanics.skin.coefficients import constants
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.patch_space import Patch, positions
+from toros_fem.mechanics.skin.patch_space import Patch, constants, positions
 from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.mechanics.terms.term import Compiled, PotentialTerm, Term
 from toros_fem.meshes.skin import Skin

@@ -28,15 +28,16 @@ from toros_fem.forms.kinematics import Strain, Triangle
 from toros_fem.forms.lines import Family, bending_of_lines, stretching_energy
 from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke, relaxed
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit
-from toros_fem.mechanics.skin.coefficients import (
+from toros_fem.mechanics.skin.designs import Densities, LineDesign
+from toros_fem.mechanics.skin.patch_space import (
+    Unknowns,
     cell_function,
     cell_space,
     constants,
     lame_constants,
+    pattern_edges,
     set_cells,
 )
-from toros_fem.mechanics.skin.designs import Densities, LineDesign
-from toros_fem.mechanics.skin.patch_space import Unknowns, pattern_edges
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.term import Compiled, Term

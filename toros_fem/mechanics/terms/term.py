@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, override
 
@@ -11,10 +12,13 @@ from dolfinx import fem, la
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.compiled_forms import assembled
 from toros_fem.forms.energy import EnergyTerm, SkinForms
+from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.skin import Skin
 
 # Compiles a form of a skin; the name is one that no other has.
 Compiled = Callable[[str, Callable[[SkinForms], Any]], fem.Form]
@@ -111,3 +115,90 @@ class PotentialTerm(Term):
     def variation(self) -> Floats:
         """Return the first variation of the potential in N: the negative of the force."""
         return assembled(self._variation, self._work)
+
+
+class ContactTerm(Term, ABC):
+    """Term of contact, with what the solver asks of surfaces that may meet, rub and move.
+
+    Attributes:
+        distance: Distance of faces in m from which on contact acts.
+        self_contact: Whether the skin's layers touch each other.
+        slides: Whether there is friction, by which the residual has no potential.
+        free_bodies: Number of free bodies, which have unknowns.
+        poses: Poses of all bodies, (k, 6) in m and rad, of those without unknowns as the load has
+            them.
+    """
+
+    distance: float
+    self_contact: bool
+    slides: bool
+    free_bodies: int
+    poses: Floats
+
+    @abstractmethod
+    def crossed(self, x: Floats) -> bool:
+        """Return whether surfaces intersect, by a test of its own."""
+
+    @abstractmethod
+    def gap(self, x: Floats) -> float:
+        """Return the smallest distance of faces in m, at most that from which on contact acts."""
+
+    # Bodies.
+
+    @abstractmethod
+    def poses_of(self, x: Floats) -> Floats:
+        """Return the poses of all bodies in a state, (k, 6), in m and rad."""
+
+    @abstractmethod
+    def reach(self, change: Floats) -> float:
+        """Return the largest motion in m of a body by a change of the poses, (k, 6)."""
+
+    @abstractmethod
+    def set_motions(self, x: Floats, motions: Floats) -> None:
+        """Write the unknowns of the free bodies, which all ranks but the first ignore."""
+
+    @abstractmethod
+    def with_short_turns(self, x: Floats) -> Floats:
+        """Return the same places, with rotations of free bodies of at most π."""
+
+    # Friction; without it the first two do nothing.
+
+    @abstractmethod
+    def begin_step(self, sliding: Floats | None, load: Load) -> None:
+        """Begin a step of a path with friction, under the load of the step.
+
+        It goes on from the end of the step before; None stands for a skin at rest at its assembled
+        positions.
+        """
+
+    @abstractmethod
+    def lag_friction(self, x: Floats) -> None:
+        """Let friction have the normal forces and tangent planes of a state."""
+
+    @abstractmethod
+    def end_step(self, x: Floats) -> Floats | None:
+        """Return where the vertices stick at the end of a step; None without friction."""
+
+    @abstractmethod
+    def coupling(self, x: Floats, change: Floats, *, transposed: bool = False) -> Floats:
+        """Return the change of friction by that of the normal forces: the part without symmetry.
+
+        x is the state of the last `lag_friction`, and `change` that of the state; `transposed`
+        multiplies by the transpose.
+        """
+
+
+class ContactSettings(ABC):
+    """What is given of contact: a `mechanics.contact.contact.Contact`, which makes its own term.
+
+    So a solver without contact knows nothing of ground, bodies and friction.
+    """
+
+    @property
+    @abstractmethod
+    def holds(self) -> bool:
+        """Whether it may keep the skin from moving as a whole."""
+
+    @abstractmethod
+    def term(self, skin: Skin, composite: Composite, supports: Supports) -> ContactTerm:
+        """Return the term of a skin (collective)."""

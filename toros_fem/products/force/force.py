@@ -273,7 +273,7 @@ def forces_of_run(
         )
 
     found = mapped(level)
-    if not options.estimate_error:
+    if options.without_intervals:
         return found
     free_dropped(comm)
     try:
@@ -414,7 +414,7 @@ def plot_forces(path: Path, found: ForceMap, direction: Sequence[float] | None =
 
     rows = rows_of(found, direction)
     with page(path, sentence_of(found, direction), (8.0, 3.6)) as figure:
-        where = {"left": 0.08, "right": 0.72, "bottom": 0.14, "top": 0.80, "wspace": 0.32}
+        where = {"left": 0.10, "right": 0.72, "bottom": 0.14, "top": 0.80, "wspace": 0.32}
         grid = figure.subplots(1, 2, gridspec_kw=where)
         key = next(iter(found.metrics), None)
         for axes, name, scale, unit in (

@@ -30,7 +30,8 @@ from toros_fem.measures.figures import Figure
 from toros_fem.measures.gap import SHAPES, Body, GapObjective, mean_gap
 from toros_fem.measures.metrics import Metric
 from toros_fem.measures.shape import Nodes, Objective
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.bodies import Ground
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane

@@ -23,7 +23,7 @@ from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.measures.figures import Figure
 from toros_fem.measures.gap import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_mesh, rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

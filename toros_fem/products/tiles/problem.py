@@ -25,11 +25,11 @@ from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
 from toros_fem.making.as_printed import cleaned_print
 from toros_fem.materials.sheet import Bending
-from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
-from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.estimates import COARSER, COARSER_MESHES

@@ -14,12 +14,12 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, together
 from toros_fem.design.loop.physics import Pressure, Residuals, Saved
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.meshes.skin import Skin
 
 ALONG = np.array([[1.0, 0], [0, 0], [0, 0]])

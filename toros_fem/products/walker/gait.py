@@ -15,8 +15,7 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.files import guarded, if_plotting, write_table
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.measures.figures import Figure
-from toros_fem.mechanics.contact.opening import opened
-from toros_fem.mechanics.contact.settings import ContactSizes
+from toros_fem.mechanics.contact.layers import ContactSizes, opened
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.meshes.mirror import Mirrored

@@ -25,8 +25,9 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Metric
-from toros_fem.mechanics.contact.library import ipctk
-from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.contact.bodies import Ground, ipctk
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace

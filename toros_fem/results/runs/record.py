@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
@@ -15,7 +15,6 @@ from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.measures.miss import compared_axes, is_aligned
-from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern, Regions
@@ -28,6 +27,9 @@ from toros_fem.results.runs.frames import (
     write_frame,
     write_skin,
 )
+
+if TYPE_CHECKING:
+    from toros_fem.mechanics.contact.contact import Contact
 
 # Series that a finished design is followed by.
 FOLLOWING = ("print", "pressure", "gait", "load")

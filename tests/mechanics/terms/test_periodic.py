@@ -7,10 +7,10 @@ from kit.terms import periodic
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import make_model
-from toros_fem.mechanics.assembly.tangent import UpperTangent
-from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, Periodic
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.model import make_model
+from toros_fem.mechanics.terms.periodic import ALL_PRESCRIBED, Periodic
+from toros_fem.mechanics.terms.tangent import UpperTangent
 from toros_fem.meshes import sew, tile
 
 # Of the tile in kit.terms, all of whose mean gradient in the plane is free.

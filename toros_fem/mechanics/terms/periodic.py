@@ -3,23 +3,56 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, override
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, override
 
 import numpy as np
 from dolfinx import fem
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
-from toros_fem.mechanics.skin.coefficients import cell_space, set_cells
 from toros_fem.mechanics.skin.load import UNSTRETCHED, Load
 from toros_fem.mechanics.skin.patch_space import (
     Patch,
     Unknowns,
     blocks_of_first_rank,
+    cell_space,
     positions,
+    set_cells,
 )
-from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
+
+if TYPE_CHECKING:  # who makes a tile has imported it
+    from toros_fem.meshes.makers.tile import Tile
+
+# Components of F̄, rows n, t, z and columns n, t: a sheet that is pulled along n and free across.
+UNIAXIAL = ((True, False), (True, False), (True, True))
+# All components prescribed.
+ALL_PRESCRIBED = ((True, True), (True, True), (True, True))
+
+
+@dataclass(frozen=True, eq=False)
+class Periodic:
+    """A tile and the prescribed components of its mean deformation gradient F̄.
+
+    F̄ is part of the state. Its components belong to the directions n (along), t (across), both in
+    the flat sheet and in space, and z (out of the plane).
+
+    Attributes:
+        tile: The tile.
+        prescribed: Whether each component of F̄ is prescribed, rows n, t, z, columns n, t. The mean
+            force of the others is zero. The prescribed ones must keep the tile from turning.
+        flat: Whether the sheet stays in its plane; otherwise it may buckle.
+    """
+
+    tile: Tile
+    prescribed: tuple[tuple[bool, bool], ...] = UNIAXIAL
+    flat: bool = True
+
+    @property
+    def length(self) -> float:
+        """Length in m by which F̄ becomes unknowns in m: that of the tile."""
+        return float(np.sqrt(abs(np.linalg.det(self.tile.lattice))))
 
 
 class Images(Term):

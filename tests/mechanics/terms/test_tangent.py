@@ -5,7 +5,7 @@ from helpers.models import dense_tangent
 from helpers.standing import model_on_base
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.tangent import EXACT, STRAINS, UpperTangent
+from toros_fem.mechanics.terms.tangent import EXACT, STRAINS, UpperTangent
 from toros_fem.meshes import Skin
 
 

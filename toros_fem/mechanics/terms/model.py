@@ -17,18 +17,14 @@ from toros_fem.base.mpi import dot, total
 from toros_fem.base.validation import require_callable, require_kind
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact
-from toros_fem.mechanics.contact.skin_contact import SkinContact
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.coefficients import cell_space
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.patch_space import make_patch, positions
-from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.skin.patch_space import cell_space, make_patch, positions
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.skin.supports import Planes, Supports
-from toros_fem.mechanics.terms.images import Images
 from toros_fem.mechanics.terms.loads import DeadForce, OwnWeight, Pressure, Weight
+from toros_fem.mechanics.terms.periodic import Images, Periodic
 from toros_fem.mechanics.terms.sheet import (
     Bend,
     Courses,
@@ -38,7 +34,7 @@ from toros_fem.mechanics.terms.sheet import (
     RubberLayer,
     Sheet,
 )
-from toros_fem.mechanics.terms.term import Term
+from toros_fem.mechanics.terms.term import ContactSettings, ContactTerm, Term
 from toros_fem.meshes.skin import Skin
 
 # Rounding of the stretching energy over modulus times area: about a hundred units in the last
@@ -81,8 +77,9 @@ class SkinModel:
     ) -> None:
         self.skin, self.composite, self.supports = skin, composite, supports
         self.terms, self.design = terms, design
-        self.contact, self.pressure = self._of(SkinContact), self._of(Pressure)
-        self.weight, self.images = self._of(OwnWeight), self._of(Images)
+        self.contact = next((term for term in terms if isinstance(term, ContactTerm)), None)
+        self.pressure, self.weight = self._of(Pressure), self._of(OwnWeight)
+        self.images = self._of(Images)
         self.sheet, self.bend = self._of(Sheet), self._of(Bend)
         (bounds,) = (term.bounds for term in terms if term.bounds is not None)
         self.bounds: StretchBounds = bounds
@@ -352,7 +349,7 @@ def make_model(
     *,
     chambers: Chambers | None = None,
     weight: Weight | None = None,
-    contact: Contact | None = None,
+    contact: ContactSettings | None = None,
     design: Callable[[Skin, Composite], Densities] | None = None,
     quadratic: Bools | None = None,
     periodic: Periodic | None = None,
@@ -378,7 +375,7 @@ def make_model(
     for name, given, kind, wanted in (
         ("chambers", chambers, Chambers, "Chambers, or None for one"),
         ("weight", weight, Weight, "a Weight, or None for none"),
-        ("contact", contact, Contact, "a Contact, or None for none"),
+        ("contact", contact, ContactSettings, "a Contact, or None for none"),
         ("periodic", periodic, Periodic, "a Periodic, or None for a skin that does not repeat"),
     ):
         require_kind(name, given, (kind, type(None)), wanted)
@@ -426,6 +423,5 @@ def make_model(
         terms.append(OwnWeight(skin, weight))
     terms.append(DeadForce(skin))
     if contact is not None:
-        sizes = contact.sizes(composite)
-        terms.append(SkinContact(skin, contact, sizes, supports.fixed, planes.of_symmetry()))
+        terms.append(contact.term(skin, composite, supports))
     return SkinModel(skin, composite, supports, terms, designed)

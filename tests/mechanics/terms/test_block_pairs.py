@@ -5,9 +5,9 @@ import pytest
 from kit.terms import FOUR
 
 from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
-from toros_fem.mechanics.assembly.tangent import BlockPairs, TriangleMatrices
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.model import SkinModel, make_model
+from toros_fem.mechanics.terms.tangent import BlockPairs, TriangleMatrices
 from toros_fem.meshes import Skin
 
 

@@ -1,36 +1,143 @@
-"""Contact as a term of a distributed skin: the first rank computes, all ranks get the results."""
+"""Contact of a skin with itself, ground and bodies: what is given, and the term of the energy."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TypeVar, override
 
 import numpy as np
 from scipy.sparse import block_array, block_diag, bsr_array, csc_matrix, csr_array, hstack, identity
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import OnFirst, largest, on_first_rank
+from toros_fem.base.validation import (
+    checked_list,
+    checked_names,
+    require_flag,
+    require_kind,
+    require_positive,
+)
+from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.barrier import Barrier
-from toros_fem.mechanics.contact.free_bodies import FreeBodies, in_columns
-from toros_fem.mechanics.contact.opening import opened
-from toros_fem.mechanics.contact.settings import Contact, ContactSizes
-from toros_fem.mechanics.contact.sliding import SlidingFriction
+from toros_fem.mechanics.contact.bodies import FreeBodies, Ground, RigidBody, in_columns
+from toros_fem.mechanics.contact.layers import ContactSizes, opened
+from toros_fem.mechanics.contact.sliding import Pads, SlidingFriction
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_first_rank, positions
-from toros_fem.mechanics.terms.term import Term
+from toros_fem.mechanics.skin.supports import Planes, Supports
+from toros_fem.mechanics.terms.term import ContactSettings, ContactTerm, Term
 from toros_fem.meshes.skin import Skin
 
 T = TypeVar("T")
 
+
+# Distance within which contact acts, over the thickness.
+RANGE = 0.5
 # Largest motion of a step over the size of the skin: the space that longer ones sweep is full of
 # pairs. Largest rotation of a body in rad: its vertices move straight in the search for pairs.
 # Factor on a step that must be searched again.
 FARTHEST, LARGEST_TURN, AGAIN = 0.1, 0.2, 0.9
 # Entries of the tangent on all ranks but the first.
 NOTHING: Floats = np.zeros(0)
+# Entries of the tangent are kept until they are this many times those that are needed.
+STALE = 2.0
+# Stiffness of free bodies in the tangent over that of the sheet, E t.
+NEUTRAL = 1e-8
 
 
-class SkinContact(Term):
+@dataclass(frozen=True, eq=False)
+class Contact(ContactSettings):
+    """Contact of a skin with itself, the ground and rigid bodies.
+
+    Faces keep their distance by the barriers of incremental potential contact (Li et al. 2020):
+    contact acts from `distance` on and grows without bound towards zero. The distance is that of
+    the faces of sheets with `thickness`: middle surfaces stay a whole thickness apart, and half of
+    it from bodies and ground. Both are lengths of the sheet, not of the mesh.
+
+    Attributes:
+        ground: The ground, or several half-spaces; None for none.
+        bodies: Rigid bodies: held, moved with the load, or free.
+        self_contact: Whether the skin's layers touch each other.
+        friction: Coefficient μ of Coulomb's friction of the skin on ground and bodies; None for
+            none. Layers of the skin slide on each other without friction, and so do bodies on each
+            other and on the ground.
+        pads: Vertices that slide on the ground by coefficients of their own; None for none.
+        thickness: In m, which the sheet takes up between its faces; None takes the fabric's.
+        distance: In m, from which on contact acts; None takes half of the thickness.
+        stiffness: In Pa, the scale of the contact pressure: it is reached where the distance has
+            shrunk by about a half; None takes the fabric's E.
+        slip: In m, the tangential motion at which friction is fully mobilised; None takes
+            `distance`.
+    """
+
+    ground: Ground | Sequence[Ground] | None = None
+    bodies: Sequence[RigidBody] = ()
+    self_contact: bool = True
+    friction: float | None = None
+    pads: Pads | None = None
+    thickness: float | None = None
+    distance: float | None = None
+    stiffness: float | None = None
+    slip: float | None = None
+
+    def __post_init__(self) -> None:
+        grounds = () if self.ground is None else self.ground
+        if isinstance(grounds, Ground):
+            grounds = (grounds,)
+        what = "Grounds, by Ground(point, normal), or None"
+        object.__setattr__(self, "ground", checked_list("ground", grounds, Ground, what))
+        what = "RigidBodies, by rigid_sphere for instance"
+        object.__setattr__(self, "bodies", checked_list("bodies", self.bodies, RigidBody, what))
+        checked_names("names of bodies", [body.name for body in self.bodies])
+        require_flag(self_contact=self.self_contact)
+        names = ["friction", "thickness", "distance", "stiffness", "slip"]
+        given = {name: getattr(self, name) for name in names}
+        require_positive(**{name: size for name, size in given.items() if size is not None})
+        require_kind("pads", self.pads, (Pads, type(None)), "Pads, or None")
+        if self.pads is not None and (not self.ground or self.friction is None):
+            raise ParameterError(
+                "pads slide on the ground, and all other faces have friction: give ground and "
+                "friction, or leave the pads out."
+            )
+        if not (self.ground or self.bodies or self.self_contact):
+            raise ParameterError(
+                "this contact touches nothing: give ground or bodies, set self_contact, or give "
+                "no contact at all."
+            )
+
+    @property
+    def grounds(self) -> tuple[Ground, ...]:
+        """All half-spaces."""
+        assert isinstance(self.ground, tuple)
+        return self.ground
+
+    @property
+    @override
+    def holds(self) -> bool:
+        # It rubs on ground or body.
+        return self.friction is not None and bool(self.ground or self.bodies)
+
+    @override
+    def term(self, skin: Skin, composite: Composite, supports: Supports) -> SkinContact:
+        in_planes = Planes(skin.pattern, supports).of_symmetry()
+        return SkinContact(skin, self, self.sizes(composite), supports.fixed, in_planes)
+
+    def sizes(self, composite: Composite) -> ContactSizes:
+        """Return thickness, distance, stiffness and slip, each as given or as the sheet has it."""
+        fabric = composite.fabric
+        thickness = fabric.thickness if self.thickness is None else self.thickness
+        distance = RANGE * thickness if self.distance is None else self.distance
+        return ContactSizes(
+            thickness,
+            distance,
+            fabric.young if self.stiffness is None else self.stiffness,
+            distance if self.slip is None else self.slip,
+        )
+
+
+class SkinContact(ContactTerm):
     """Energy, forces and tangent of a skin's contact with itself, bodies and half-spaces.
 
     Positions are gathered, and the first rank computes (`ContactCore`), so that results do not
@@ -40,7 +147,6 @@ class SkinContact(Term):
 
     Attributes:
         contact, sizes: As given.
-        poses: Poses of all bodies, (k, 6), of those without unknowns as the load has them.
         friction: Friction of the skin on ground and bodies; None without.
         assembled: Assembled positions of all vertices in m, (n, 3); layers that touch each other
             are moved apart.
@@ -58,17 +164,27 @@ class SkinContact(Term):
     ) -> None:
         self._skin, self._comm, self._fixed = skin, skin.comm, fixed
         self.contact, self.sizes = contact, sizes
-        self._bodies = bodies = FreeBodies(contact, sizes.thickness)
+        self.distance, self.self_contact = sizes.distance, contact.self_contact
+        self._bodies = bodies = FreeBodies(contact.bodies, sizes.thickness)
+        self.free_bodies = bodies.count
         self.poses: Floats = np.zeros((len(contact.bodies), 6))
         if bodies.count:
             blocks = blocks_of_first_rank(self._comm, bodies.count)
             self.unknowns = Unknowns(blocks, np.zeros((bodies.count, 6), dtype=bool))
-        self.friction = friction = SlidingFriction(contact, sizes) if contact.holds else None
+        self.friction = friction = _friction(contact, sizes)
+        self.slides = friction is not None
         pattern, prescribed = skin.pattern, np.asarray(fixed.all(axis=1))
 
         def make() -> ContactCore:
-            sides = friction is not None
-            barrier = Barrier(pattern, contact, sizes, prescribed, bodies, by_side=sides)
+            barrier = Barrier(
+                pattern,
+                contact.grounds,
+                bodies,
+                sizes,
+                prescribed,
+                self_contact=contact.self_contact,
+                by_side=self.slides,
+            )
             return ContactCore(barrier, len(pattern.points), sizes, bodies, friction)
 
         self._core = OnFirst(self._comm, make)
@@ -97,28 +213,29 @@ class SkinContact(Term):
     def add_rest(self, x: Floats) -> None:
         positions(self._skin, x)[:] = self.assembled[self._skin.owned_vertices]
 
-    @property
-    def free_bodies(self) -> int:
-        """Number of free bodies."""
-        return self._bodies.count
-
     def motions(self, x: Floats) -> Floats:
         """Return the unknowns of the free bodies in m, (f, 6); zero on all ranks but the first."""
         return x[self._dofs] if self._comm.rank == 0 else np.zeros(self._dofs.shape)
 
+    @override
     def set_motions(self, x: Floats, motions: Floats) -> None:
-        """Write the unknowns of the free bodies, which all ranks but the first ignore."""
         if self._comm.rank == 0:
             x[self._dofs] = motions
 
+    @override
     def with_short_turns(self, x: Floats) -> Floats:
-        """Return the same places, with rotations of free bodies of at most π."""
         x = x.copy()
         self.set_motions(x, self._bodies.shortest(self.motions(x)))
         return x
 
+    @override
+    def reach(self, change: Floats) -> float:
+        moved = float(np.abs(change[:, :3]).max(initial=0.0))
+        pairs = zip(change, self.contact.bodies, strict=True)
+        return max([moved, *(float(np.linalg.norm(c[3:]) * b.radius) for c, b in pairs)])
+
+    @override
     def poses_of(self, x: Floats) -> Floats:
-        """Return the poses of all bodies in a state, (k, 6), in m and rad."""
         return self._poses(x, self.poses)
 
     def _poses(self, x: Floats, held: Floats) -> Floats:
@@ -204,12 +321,12 @@ class SkinContact(Term):
     def refusal(self, x: Floats) -> str | None:
         return self._of_barrier(x, Barrier.refusal)
 
+    @override
     def crossed(self, x: Floats) -> bool:
-        """Return whether surfaces intersect, by a test of its own."""
         return self._of_barrier(x, Barrier.crossed)
 
+    @override
     def gap(self, x: Floats) -> float:
-        """Return the smallest distance of faces in m, at most that from which on contact acts."""
         return self._of_barrier(x, Barrier.gap)
 
     def count_pairs(self, x: Floats) -> int:
@@ -224,17 +341,8 @@ class SkinContact(Term):
         """Return the normal forces on the skin in N, (sides, n, 3), of half-spaces and bodies."""
         return self._of_barrier(x, Barrier.normals)
 
-    @property
-    def slides(self) -> bool:
-        """Whether there is friction, by which the residual has no potential."""
-        return self.friction is not None
-
+    @override
     def begin_step(self, sliding: Floats | None, load: Load) -> None:
-        """Begin a step of a path with friction; without friction nothing is done.
-
-        It goes on from the end of the step before; None stands for a skin at rest at its assembled
-        positions. The load is that of the step.
-        """
         if self.friction is None:
             return
         if sliding is None:
@@ -244,25 +352,21 @@ class SkinContact(Term):
         self.friction.begin(sliding)
         self._core(lambda core: core.begin())
 
+    @override
     def lag_friction(self, x: Floats) -> None:
-        """Let friction have the normal forces and tangent planes of a state."""
         if self.friction is not None:
             at = self._at(x)
             self._core(lambda core: core.lag(*at))
 
+    @override
     def end_step(self, x: Floats) -> Floats | None:
-        """Return where the vertices stick at the end of a step; None without friction."""
         if self.friction is None:
             return None
         at = self._at(x)
         return self._core(lambda core: core.end(*at))
 
+    @override
     def coupling(self, x: Floats, change: Floats, *, transposed: bool = False) -> Floats:
-        """Return the change of friction by that of the normal forces: the part without symmetry.
-
-        x is the state of the last `lag_friction`, and `change` that of the state; `transposed`
-        multiplies by the transpose.
-        """
         at, skin = self._at(x), self._skin.gather_vertices(positions(self._skin, change))
         turn = self._comm.bcast(self.motions(change), root=0)
         out = np.zeros_like(x)
@@ -271,10 +375,12 @@ class SkinContact(Term):
         return out
 
 
-# Entries of the tangent are kept until they are this many times those that are needed.
-STALE = 2.0
-# Stiffness of free bodies in the tangent over that of the sheet, E t.
-NEUTRAL = 1e-8
+def _friction(contact: Contact, sizes: ContactSizes) -> SlidingFriction | None:
+    """Return the friction on ground and bodies; None without, or without any of these."""
+    if contact.friction is None or not contact.holds:
+        return None
+    grounds, bodies = len(contact.grounds), contact.bodies
+    return SlidingFriction(contact.friction, sizes.slip, grounds, bodies, contact.pads)
 
 
 class ContactCore:

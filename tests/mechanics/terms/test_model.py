@@ -8,9 +8,9 @@ from helpers.standing import model_on_base
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bladder, Composite, Material
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.model import make_model
 from toros_fem.meshes import Skin, sew
 
 

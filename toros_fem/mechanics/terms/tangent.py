@@ -11,8 +11,8 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.base.compiled_forms import work_vector
-from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.terms.images import Images
+from toros_fem.mechanics.terms.model import SkinModel
+from toros_fem.mechanics.terms.periodic import Images
 
 # Triangles treated at once: the work arrays stay in the processor's cache.
 CHUNK = 2000

@@ -1,1 +1,0 @@
-"""Energy, forces and tangent of a skin, summed over its terms."""
