@@ -25,8 +25,8 @@ from benchmarks.bench import Case, Command, Row, Rows, Table, markdown, timed, v
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.steps import Variables
 from toros_fem.design.mma.optimizer import MMA, Functions
-from toros_fem.making.as_printed import contour_values
 from toros_fem.making.panels.panel_drawing import write_svg
+from toros_fem.making.print.as_printed import contour_values
 from toros_fem.making.print.cleaning import Panels, clean
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.making.print.printability import printability, printed_cells

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.miss import shape_of
-from toros_fem.making.as_printed import PrintedDesign
+from toros_fem.making.print.as_printed import PrintedDesign
 from toros_fem.making.print.printability import PanelRegion
 from toros_fem.measures.figures import Figure, Tolerances
 from toros_fem.products.tables.steps import FilterTable

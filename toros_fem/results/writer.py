@@ -18,8 +18,8 @@ from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.making.as_printed import PrintedDesign
 from toros_fem.making.panels.panel_drawing import write_svg
+from toros_fem.making.print.as_printed import PrintedDesign
 from toros_fem.making.print.printability import PRINT, printed_cells, write_print_polygons
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure

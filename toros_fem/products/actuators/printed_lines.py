@@ -25,7 +25,7 @@ from toros_fem.design.lines.laid_lines import (
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.miss import Residuals
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed import PrintedDesign, Shape, printed, unmeshed
+from toros_fem.making.print.as_printed import PrintedDesign, Shape, printed, unmeshed
 from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.moving import border_motion

@@ -18,7 +18,7 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, carried_along
-from toros_fem.making.as_printed import PrintedDesign
+from toros_fem.making.print.as_printed import PrintedDesign
 from toros_fem.making.print.contours import fabric_of
 from toros_fem.making.print.printability import Printability, PrintLimits, printability
 from toros_fem.materials.sheet import Composite

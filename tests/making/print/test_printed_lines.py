@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.design.loop.fields import random_density
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.making.as_printed import as_printed, printed, printed_lines
+from toros_fem.making.print.as_printed import as_printed, printed, printed_lines
 from toros_fem.making.print.cleaning import MirroredPanels
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.making.print.regions import regions_on

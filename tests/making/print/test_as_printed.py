@@ -14,7 +14,12 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed import as_printed, contour_values, polished, without_free_islands
+from toros_fem.making.print.as_printed import (
+    as_printed,
+    contour_values,
+    polished,
+    without_free_islands,
+)
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
