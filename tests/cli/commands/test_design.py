@@ -3,9 +3,11 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from helpers.command_runs import changes
 from helpers.scenes import ROOT, square
 from kit.scene_runs import summary_of, value_of
@@ -13,8 +15,10 @@ from mpi4py import MPI
 
 from toros_fem.cli.command import Answer
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files import scene_text
+from toros_fem.cli.scene_files import read_scene, scene_text
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes.pattern_file import write_pattern
+from toros_fem.meshes.skin import sew
 from toros_fem.products.kinds import KINDS
 from toros_fem.results.runs.open_run import open_run
 
@@ -204,3 +208,48 @@ def test_the_folder_is_named_after_the_scene(
     assert run(alone, ["new", "bend", str(file)]) == 0
     assert run(alone, [words[0], str(file), *words[1:]]) == 0
     assert taken == [(words[0], Path(folder))]
+
+
+@pytest.mark.slow
+def test_a_drawing_is_simulated_as_its_polygons(
+    alone: MPI.Comm, designed: Designed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In a template of the scene; and in Python the same print tells the same."""
+    pytest.importorskip("svgpathtools")
+    scene, drawing, output = designed[0], tmp_path / "stripes.svg", tmp_path / "stripes"
+    words = changes(curve_pressure="none", pressure="3 kPa")
+    assert run(alone, ["check", str(scene), "--drawing", str(drawing), *words]) == 0
+    assert run(alone, ["check", str(scene), "--drawing", str(drawing), *words]) == 2
+    assert "is there already, and stays" in capsys.readouterr().err
+    text = drawing.read_text(encoding="utf-8")
+    stripe = '<rect x="4" y="20" width="70" height="5"/>'
+    drawing.write_text(text.replace('<g id="wall">', f'<g id="wall">{stripe}'), encoding="utf-8")
+    drawn = ["simulate", str(scene), "--drawing", str(drawing), "--output", str(output), *words]
+    assert run(alone, drawn) == 0
+    summary = json.loads((output / "summary.json").read_text(encoding="utf-8"))
+    assert all(figure["target"] is None for figure in summary["figures"])
+    assert run(alone, [*drawn[: -len(words)], "--pattern", str(designed[1]), "--overwrite"]) == 2
+
+    config: Any = read_scene(scene, comm=alone).config.updated(
+        **{key: 0.06 if key == "length" else 5e-3 for key in ("length", "edge_length")},
+        pressure=3e3,
+    )
+    case = config.case(alone, config.finest_level)
+    pattern = case.pattern
+    regions = []
+    for panel, name in enumerate(pattern.panel_names):
+        outline = pattern.outline(panel)
+        left, _, right, high = outline.bounds
+        # The template has 5 mm above its panels.
+        own = shapely.box(left, high - 0.02, right, high - 0.015) if name == "wall" else outline
+        regions.append(own & outline)
+    drawn_case = case.following(alone, regions)
+    skin = sew(alone, drawn_case.pattern)
+    solver = EquilibriumSolver(
+        skin, drawn_case.composite, drawn_case.supports, quadratic=drawn_case.quadratic
+    )
+    found = solver.solve(drawn_case.passive[skin.owned_cells], 3e3)
+    positions = skin.gather_vertices(found.positions)
+    values = {m.key: m.value(skin.pattern, positions) for m in drawn_case.judged}
+    told = value_of(summary, "length_ratio")
+    assert told == pytest.approx(values["length_ratio"], rel=1e-3)
