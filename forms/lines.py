@@ -1,4 +1,4 @@
-"""Families of fine parallel lines on a triangle: prints of a relaxed design, courses of a knit.
+"""Families of fine parallel lines on a triangle: prints of a relaxed design, threads of a fabric.
 
 A family is known by its share of the flat area and by its direction d = (cos t, sin t) in the
 triangle's flat chart. Only d dᵀ enters, so that cos 2t and sin 2t are what the forms take.
@@ -7,12 +7,16 @@ triangle's flat chart. Only d dᵀ enters, so that cos 2t and sin 2t are what th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import ufl
 
 from toros_fem.forms.jets import Scalar, total
+
+# Below this argument `expm1` is a series.
+SMALL = 1e-2
+STIFFNESSES = ("stretching", "bending", "twisting")
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,7 @@ class Family:
         stretching: Stiffness along the lines per width of sheet, in N/m.
         bending: Bending stiffness along the lines per width of sheet, in N m.
         twisting: Stiffness against their twist per width of sheet, in N m.
+        strain: Strain over which they stiffen; None where they do not.
     """
 
     cosine: Any
@@ -31,11 +36,11 @@ class Family:
     stretching: Any
     bending: Any
     twisting: Any
+    strain: Any = None
 
     def weighted(self, factor: Any) -> Family:
         """Return the family with all stiffnesses times a factor."""
-        stiffness = (self.stretching, self.bending, self.twisting)
-        return Family(self.cosine, self.sine, *(factor * value for value in stiffness))
+        return replace(self, **{name: factor * getattr(self, name) for name in STIFFNESSES})
 
 
 @dataclass(frozen=True)
@@ -108,8 +113,30 @@ def stretch_along(family: Family, C: Sequence[Scalar]) -> Any:
 
 
 def stretching_energy(families: Sequence[Family], C: Sequence[Scalar]) -> Any:
-    """Return ½ Σ kₖ (|F dₖ| − 1)² per flat area in J/m², in tension and compression alike."""
-    return total(f.stretching / 2 * (stretch_along(f, C) - 1) ** 2 for f in families)
+    """Return ½ Σ kₖ (|F dₖ| − 1)² per flat area in J/m², in tension and compression alike.
+
+    Lines that stiffen over a strain s have ½ k s² (exp(((|F d| − 1)/s)²) − 1), as fibres of
+    Holzapfel, Gasser & Ogden 2000, here in the strain of eq. (1).
+    """
+    return total(_along(f, stretch_along(f, C) - 1) for f in families)
+
+
+def _along(family: Family, x: Any) -> Any:
+    if family.strain is None:
+        return family.stretching / 2 * x**2
+    return family.stretching / 2 * family.strain**2 * expm1((x / family.strain) ** 2)
+
+
+def expm1(y: Any) -> Any:
+    """Return exp(y) − 1 to rounding, also for small y; five terms of its series leave 1e-15."""
+    series = y * (1 + y / 2 * (1 + y / 3 * (1 + y / 4 * (1 + y / 5 * (1 + y / 6)))))
+    return ufl.conditional(ufl.lt(abs(y), SMALL), series, ufl.exp(y) - 1)
+
+
+def shearing_energy(family: Family, stiffness: Any, C: Sequence[Scalar]) -> Any:
+    """Return ½ k (d · C n)² per flat area in J/m², n across the direction d of a family."""
+    half = (C[0] - C[1]) / 2
+    return stiffness / 2 * (C[2] * family.cosine - half * family.sine) ** 2
 
 
 def bending_of_lines(families: Sequence[Family], Lambda: Sequence[Scalar]) -> Any:

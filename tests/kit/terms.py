@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
+from toros_fem.materials.sheet import (
+    Bending,
+    Bladder,
+    Composite,
+    Knit,
+    Material,
+    Membrane,
+    Threads,
+)
 from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.sliding import Pads
@@ -148,6 +156,7 @@ def bent(*bending: str, side: str | None = None, skin: Skin = SKIN) -> Term:
     return Term(composite=sheet, kinds=1 + turns, skin=skin, supports=supports, free=skin is SKIN)
 
 
+THREADS = Knit(grain=0.4, course=Threads(20.0, 0.2), wale=Threads(8.0, 0.4), shear=3.0)
 TERMS = {
     "sheet": Term(kinds=2),
     "membrane": Term(composite=replace(SHEET, bending=None)),
@@ -169,6 +178,12 @@ TERMS = {
                            free=False),
     "bladder": Term({}, composite=replace(SHEET, bladder=Bladder(0.3e6, 5e-4)), by_hand=rubber),
     "knit": Term({}, composite=replace(SHEET, knit=Knit(3.0, 0.4)), kinds=2),
+    "threads that stiffen": Term(
+        {}, composite=replace(SHEET, knit=THREADS), kinds=2
+    ),
+    "threads of a membrane": Term(
+        composite=replace(SHEET, bending=None, knit=replace(THREADS, wale=None))
+    ),
     "print on one face": Term({}, composite=replace(SHEET, print_side="outside"), kinds=2),
     "lines": Term({}, lines=2, kinds=2),
     "lines on a knit": Term({}, composite=replace(SHEET, knit=Knit(3.0, 0.4)), lines=2, kinds=2),

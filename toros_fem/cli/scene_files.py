@@ -31,7 +31,7 @@ from toros_fem.base.scene import Scene
 from toros_fem.base.toml_file import Document, Place, at, read_text
 from toros_fem.base.validation import shown
 from toros_fem.materials.library.files import named, read_library
-from toros_fem.materials.library.material import LibraryMaterial
+from toros_fem.materials.library.material import THREADS, LibraryMaterial
 from toros_fem.materials.sheet import Material, print_offset, reinforced
 from toros_fem.products.kinds import ABOUT, KINDS
 
@@ -78,7 +78,7 @@ FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         "fabric": {
             "fabric_young": "young",
-            **{name: name for name in (*_SHEET, "knit_ratio")},
+            **{name: name for name in (*_SHEET, "knit_ratio", *THREADS)},
             "fabric_mass": "density",
             "tested_stretch": "tested_stretch",
         },

@@ -136,30 +136,61 @@ class Bladder(Table):
         return self.young * self.thickness
 
 
+class Threads(Table):
+    """Threads of a fabric in one direction, beside the isotropic sheet.
+
+    Their energy per flat area is ½ k (λ − 1)², λ the stretch along them, or where they stiffen over
+    a strain s, ½ k s² (exp(((λ − 1)/s)²) − 1): at the strain s they bear e times as much.
+    """
+
+    stiffness: Annotated[float, In("N/m", at_least=0)] = key(
+        MISSING, "stiffness k at small strain, per width"
+    )
+    strain: Annotated[float, In(above=0, at_most=100)] | None = key(
+        None, "strain s over which they stiffen; none: they do not"
+    )
+
+
 @dataclass(frozen=True)
 class Knit:
-    """Courses of a knitted fabric, along which it is stiffer than along its wales.
+    """Threads of a fabric along and across its courses, and a shear stiffness of its own.
 
-    The plain fabric gets the energy ½ k (λ − 1)² per flat area, λ the stretch along the courses,
-    with k chosen so that the moduli of uniaxial tension at small strain have the given ratio. The
-    fabric's own modulus then is nearly that of the wales (`Composite.moduli` has both). The
-    reinforcement stays isotropic, and between both k is linear in ρ̄, as in eqs. (2, 3).
+    They act beside the plain fabric, which is isotropic. The reinforcement stays isotropic, and
+    between both their stiffness is linear in ρ̄, as in eqs. (2, 3). A ratio alone stands for courses
+    that do not stiffen, with k chosen so that the moduli of uniaxial tension at small strain have
+    this ratio; the fabric's own modulus then is nearly that of the wales (`Composite.moduli` has
+    both).
 
     Attributes:
-        ratio: Modulus along the course over modulus along the wale, at least 1.
+        ratio: Modulus along the course over modulus along the wale, at least 1; 1 where `course`
+            says their stiffness.
         grain: Angle in rad of the courses from the first axis of a panel's flat chart; one for all
             panels, or one for each panel by its name. On a part of a skin that symmetry planes
             complete, the other parts have the mirrored grain.
+        course, wale: Threads along the courses and along the wales; None for none.
+        shear: Stiffness k in N/m of ½ k γ² per flat area, γ = d · C n, d along the courses and n
+            along the wales: at small strain the change of their angle. None for none.
 
     Raises:
-        ParameterError: The ratio is below 1, or an angle is not finite.
+        ParameterError: The ratio is below 1, or given beside a `course`; the shear stiffness is
+            negative; or an angle is not finite.
     """
 
-    ratio: float
+    ratio: float = 1.0
     grain: float | Mapping[str, float] = 0.0
+    course: Threads | None = None
+    wale: Threads | None = None
+    shear: float | None = None
 
     def __post_init__(self) -> None:
         require_between(1.0, math.inf, ratio=self.ratio)
+        if self.course is not None and self.ratio != 1:
+            raise ParameterError(
+                f"ratio = {self.ratio:g} and course = {self.course} both say how stiff the courses "
+                "are; leave one out."
+            )
+        if self.shear is not None:
+            require_between(0.0, math.inf, shear=self.shear)
         object.__setattr__(self, "ratio", float(self.ratio))
         if isinstance(self.grain, Mapping):
             grain: Any = {name: _angle(name, angle) for name, angle in self.grain.items()}
@@ -286,15 +317,25 @@ class Composite(Table):
             )
 
     @property
-    def course_stiffness(self) -> float:
-        """Stiffness k in N/m that courses add to the plain fabric; 0 for an isotropic one."""
-        return 0.0 if self.knit is None else self.fabric.course_stiffness(self.knit.ratio)
+    def threads(self) -> tuple[Threads | None, Threads | None]:
+        """Threads along the courses and along the wales of the plain fabric; None for none."""
+        if self.knit is None:
+            return None, None
+        course = self.knit.course
+        if course is None and self.knit.ratio > 1:
+            course = Threads(self.fabric.course_stiffness(self.knit.ratio))
+        return course, self.knit.wale
 
     @property
     def moduli(self) -> tuple[float, float]:
         """Moduli of the plain fabric in Pa at small strain, along its courses and its wales."""
-        along = self.fabric.young + self.course_stiffness / self.fabric.thickness
-        return along, along / (1.0 if self.knit is None else self.knit.ratio)
+        fabric, (course, wale) = self.fabric, self.threads
+        plane = fabric.membrane_stiffness / (1 - fabric.poisson**2)
+        along, across = (
+            plane + (0.0 if threads is None else threads.stiffness) for threads in (course, wale)
+        )
+        free = along - (fabric.poisson * plane) ** 2 / across
+        return free / fabric.thickness, free * across / along / fabric.thickness
 
     @property
     def least_stiffness(self) -> float:

@@ -10,8 +10,9 @@ from helpers.standing import model_on_base
 from mpi4py import MPI
 from scipy.optimize import minimize, root
 
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import norm, total
-from toros_fem.materials.sheet import Bending, Composite, Knit, Material
+from toros_fem.materials.sheet import Bending, Composite, Knit, Material, Threads
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp
@@ -41,13 +42,19 @@ def density_and_stress(F: np.ndarray, angle: float, k: float) -> tuple[float, np
     return energy + k / 2 * (length - 1) ** 2, left @ np.diag(by_stretch) @ right + fibres
 
 
+def course_stiffness(composite: Composite) -> float:
+    course = composite.threads[0]
+    assert course is not None
+    return course.stiffness
+
+
 def knitted(angle: float) -> Composite:
     return replace(MEMBRANE, knit=Knit(RATIO, angle))
 
 
 def free_across(stretch: float, angle: float) -> tuple[np.ndarray, float]:
     """F and nominal stress in N/m of a sheet pulled along x that may narrow and shear freely."""
-    k = knitted(angle).course_stiffness
+    k = course_stiffness(knitted(angle))
 
     def value(free: np.ndarray) -> tuple[float, np.ndarray]:
         F = np.array([[stretch, free[0]], [0.0, free[1]]])
@@ -90,7 +97,37 @@ def test_moduli_at_small_strain() -> None:
     assert free_across(1 + 1e-5, np.pi / 2)[1] == pytest.approx(1e-5 * across * h, rel=1e-4)
     assert along / across == pytest.approx(RATIO, rel=1e-14)
     assert MEMBRANE.moduli == (0.1e6, 0.1e6)
-    assert MEMBRANE.course_stiffness == 0
+    assert MEMBRANE.threads == (None, None)
+
+
+def test_threads_that_stiffen_and_shear(alone: MPI.Comm) -> None:
+    """Energy of a sheet under a uniform gradient, by hand; courses and wales change places."""
+    skin, F, angle = sew(alone, square(size=SIZE)), np.array([[1.3, 0.2], [-0.1, 0.9]]), 0.7
+    fixed = np.zeros((len(skin.pattern.points), 3), dtype=bool)
+    fixed[[0, 1, 10]] = True
+    course, wale, shear = Threads(40.0, 0.3), Threads(15.0, 0.5), 6.0
+    gradient = np.vstack([F, [0.0, 0.0]])
+
+    def energy(knit: Knit | None) -> float:
+        model = make_model(skin, replace(MEMBRANE, knit=knit), Supports(fixed))
+        model.set_density(np.zeros(len(skin.owned_cells)))
+        return model.energy(affine(model, gradient)) / SIZE**2
+
+    d, n = (np.array([np.cos(at), np.sin(at)]) for at in (angle, angle + np.pi / 2))
+    expected = shear / 2 * (F @ d @ (F @ n)) ** 2
+    for way, threads in ((d, course), (n, wale)):
+        strain = np.linalg.norm(F @ way) - 1
+        k, s = threads.stiffness, float(threads.strain)
+        expected += k / 2 * s**2 * np.expm1((strain / s) ** 2)
+    full = energy(Knit(grain=angle, course=course, wale=wale, shear=shear))
+    assert full - energy(None) == pytest.approx(expected, rel=1e-10)
+    turned = energy(Knit(grain=angle - np.pi / 2, course=wale, wale=course, shear=shear))
+    assert turned == pytest.approx(full, rel=1e-12)
+    # Over a large strain they hardly stiffen.
+    loose, plain = (energy(Knit(course=Threads(40.0, s))) for s in (100.0, None))
+    assert loose == pytest.approx(plain, rel=1e-5)
+    with pytest.raises(ParameterError, match="both say how stiff the courses"):
+        Knit(2.0, course=course)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +153,7 @@ def test_printed_fabric_stays_what_it_is(pair: list[SkinModel], alone: MPI.Comm)
             residuals.append(model.residual(state))
         gaps.append(residuals[0] - residuals[1])
         moduli = [model.mean_modulus() for model in pair]
-        added = (1 - density) * pair[0].composite.course_stiffness
+        added = (1 - density) * course_stiffness(pair[0].composite)
         assert moduli[0] - moduli[1] == pytest.approx(added, rel=1e-9, abs=1e-9)
     scale = norm(alone, gaps[2])
     assert scale > 0
@@ -153,7 +190,7 @@ def test_lines_on_a_knit(alone: MPI.Comm) -> None:
         energies.append(model.energy(affine(model, F)))
         moduli.append(model.mean_modulus())
     part = (1 - design[:, 0]) / (1 - design[:, 1:3].sum(axis=1)) * pattern.areas[skin.owned_cells]
-    k = knitted(angle).course_stiffness * total(alone, part.sum())
+    k = course_stiffness(knitted(angle)) * total(alone, part.sum())
     stretch = np.linalg.norm(F @ [np.cos(angle), np.sin(angle)])
     assert energies[0] - energies[1] == pytest.approx(k / 2 * (stretch - 1) ** 2, rel=1e-9)
     assert moduli[0] - moduli[1] == pytest.approx(k / SIZE**2, rel=1e-9)

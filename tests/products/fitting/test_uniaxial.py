@@ -29,16 +29,17 @@ def test_closed_form_table() -> None:
 
 
 @pytest.mark.parametrize("b", [0.0, 0.3, 4.0, 100.0])
-@pytest.mark.parametrize("across", [0.0, 2.0])
-def test_root_up_to_the_bounds(b: float, across: float) -> None:
+@pytest.mark.parametrize(("across", "more"), [(0.0, 0.0), (2.0, 0.0), (2.0, 5.0)])
+def test_root_up_to_the_bounds(b: float, across: float, more: float) -> None:
     """Against Brent's method, at strains that differ from both bounds by down to 1e-9."""
-    c = Coefficients(1.0, 0.7, 1.0, b, 0.0, across)
+    c = Coefficients(1.0, 0.7, 1.0, b, 0.0, across, 0.0, more)
     end = np.inf if b == 0 else b**-0.5
     strain = np.array([0.0, 1e-12, 1e-6, 0.1, 0.5, 0.9, 0.999, 1 - 1e-9])
 
     def residual(w: float, x: float) -> float:
         z = x + w
-        return 2 * w / (1 - w * w) + across * w + 0.7 * z / (1 - b * z * z)
+        threads = across * w * np.exp(more * w * w)
+        return 2 * w / (1 - w * w) + threads + 0.7 * z / (1 - b * z * z)
 
     found = lateral_strain(strain, c)
     assert (found <= 0).all()
@@ -52,14 +53,14 @@ def test_root_up_to_the_bounds(b: float, across: float) -> None:
 def test_derivatives() -> None:
     """Up to the bounds, and of fibres in both directions."""
     strain, course = np.array([0.1, 0.5, 0.9]), np.array([True, False, True])
-    scales = Scales(0.91, 0.6, 50.0, "course")
-    theta = np.array([np.log(50.0), 0.3, 0.9, 0.4, 0.5])
+    scales = Scales(0.91, 0.6, 50.0, "course", 0.9, 0.5)
+    theta = np.array([np.log(50.0), 0.3, 0.4, np.log(30.0), 1.5, np.log(8.0), 2.0])
 
     def curve(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return tension(strain, partial(scales.coefficients, course=course), theta)
 
     slopes, step = curve(theta)[1], 1e-6
-    for k, along in enumerate(np.eye(5)):
+    for k, along in enumerate(np.eye(7)):
         ends = [curve(theta + sign * step * along)[0] for sign in (1, -1)]
         difference = (ends[0] - ends[1]) / (2 * step)
         assert slopes[..., k] == pytest.approx(difference, rel=1e-6, abs=1e-7)

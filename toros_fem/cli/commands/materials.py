@@ -121,6 +121,9 @@ def _cells(entry: LibraryMaterial) -> dict[str, str]:
         "c1": entry.c1 and f"{entry.c1:g}",
         "c2": entry.c2 and f"{entry.c2:g}",
         "knit ratio": entry.knit_ratio and f"{entry.knit_ratio:g}",
+        "courses": _threads(entry.course_stiffness, entry.course_strain),
+        "wales": _threads(entry.wale_stiffness, entry.wale_strain),
+        "shear": entry.shear_stiffness and write_quantity(entry.shear_stiffness, "N/m"),
         "mass": entry.density and write_quantity(entry.density, "kg/m²"),
         "sheet": entry.with_fabric and "print and fabric as one",
         "stretches": f"{low:g} to {high:g}",
@@ -252,3 +255,11 @@ def _pairs(option: str, texts: tuple[str, ...], known: tuple[str, ...]) -> dict[
             )
         found[column] = said.strip()
     return found
+
+
+def _threads(stiffness: float | None, strain: float | None) -> str | None:
+    """Return threads of one direction in words; None for none."""
+    if stiffness is None:
+        return None
+    stiffens = "" if strain is None else f", stiffen over a strain of {strain:.3g}"
+    return f"{write_quantity(stiffness, 'N/m')}{stiffens}"

@@ -23,6 +23,10 @@ TRUSTS: Mapping[str, str] = MappingProxyType(
         "estimate": "derived from other data, or assumed; the source says how",
     }
 )
+# Threads of a fabric, beside the isotropic sheet.
+THREADS = (
+    "course_stiffness", "course_strain", "wale_stiffness", "wale_strain", "shear_stiffness",
+)  # fmt: skip
 NAME = re.compile(r"(?!none$)[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 # Most characters of texts, which are one line each.
 LENGTHS = {"title": 60, "source": 600, "note": 600}
@@ -53,6 +57,21 @@ class LibraryMaterial(Table, kw_only=True):
     )
     knit_ratio: Annotated[float, In(at_least=1, at_most=100)] | None = key(
         None, "modulus along the courses over that along the wales; none for no knit"
+    )
+    course_stiffness: Annotated[float, In("N/m", at_least=0)] | None = key(
+        None, "stiffness of threads along the courses, in the place of knit_ratio; none for none"
+    )
+    course_strain: Annotated[float, In(above=0, at_most=100)] | None = key(
+        None, "strain over which they stiffen; none: they do not"
+    )
+    wale_stiffness: Annotated[float, In("N/m", at_least=0)] | None = key(
+        None, "stiffness of threads along the wales; none for none"
+    )
+    wale_strain: Annotated[float, In(above=0, at_most=100)] | None = key(
+        None, "strain over which they stiffen; none: they do not"
+    )
+    shear_stiffness: Annotated[float, In("N/m", at_least=0)] | None = key(
+        None, "stiffness against shear of the threads; none for none"
     )
     density: Annotated[float, In("kg/m²", above=0, at_most=100)] | None = key(
         None, "mass per flat area; none if it is not known"
@@ -92,7 +111,8 @@ class LibraryMaterial(Table, kw_only=True):
         yield "stretch_range", low in LEAST and high in LARGEST, ends
         beyond = f"ends beyond c1 = {bound}, which no stretch reaches. Shorten it, or raise c1"
         yield "stretch_range", bound is None or high <= bound, beyond
-        for name, kind in (("knit_ratio", "fabric"), ("with_fabric", "print")):
+        threads = dict.fromkeys(("knit_ratio", *THREADS), "fabric")
+        for name, kind in {**threads, "with_fabric": "print"}.items():
             other = f"belongs to a {kind}, and this is a {self.kind}. Leave it out"
             yield name, not getattr(self, name) or self.kind == kind, other
         neo = "belongs to eq. (1); a rubber is neo-Hookean and has no bounds. Leave it out"

@@ -27,7 +27,7 @@ from toros_fem.mechanics.terms.loads import DeadForce, OwnWeight, Pressure, Weig
 from toros_fem.mechanics.terms.periodic import Images, Periodic
 from toros_fem.mechanics.terms.sheet import (
     Bend,
-    Courses,
+    FabricThreads,
     LineFamilies,
     OffsetPrint,
     QuadraticEdges,
@@ -395,7 +395,7 @@ def make_model(
     if isinstance(designed, LineDesign):
         terms.append(LineFamilies(skin, composite, designed))
     if composite.knit is not None:
-        terms.append(Courses(skin, composite, composite.knit))
+        terms.append(FabricThreads(skin, composite, composite.knit))
     if bending is not None:
         repeats = periodic is not None
         terms.append(Bend(skin, composite, bending, supports, repeats=repeats))

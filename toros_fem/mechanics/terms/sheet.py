@@ -25,7 +25,12 @@ from toros_fem.forms.bending import (
 from toros_fem.forms.bubbles import Bubbles
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle
-from toros_fem.forms.lines import Family, bending_of_lines, stretching_energy
+from toros_fem.forms.lines import (
+    Family,
+    bending_of_lines,
+    shearing_energy,
+    stretching_energy,
+)
 from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke, relaxed
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
@@ -273,10 +278,10 @@ def _coefficients(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
     )
 
 
-class Courses(Term):
-    """Courses of a knitted fabric, by their angle in each panel.
+class FabricThreads(Term):
+    """Courses and wales of a fabric, by the angle of the courses in each panel, and its shear.
 
-    The energy ½ k (|F d| − 1)² acts in every layer of the sheet: k h²/12 against bending.
+    Threads act in every layer of the sheet: k h²/12 against bending. Shear does not bend.
     """
 
     def __init__(self, skin: Skin, composite: Composite, knit: Knit) -> None:
@@ -285,22 +290,37 @@ class Courses(Term):
         twice = 2 * _grain(knit, skin.pattern)[skin.pattern.panel[cell]]
         directions = np.column_stack([np.cos(twice), np.sin(twice)])
         direction = cell_function(cell_space(skin, 2), directions, "courses")
-        self._stiffness, h = composite.course_stiffness, composite.fabric.thickness
-        k, bending = constants(skin, self._stiffness, self._stiffness * h**2 / 12)
-        self.symbols = direction, k, bending
-        self._family = Family(direction[0], direction[1], k, bending, 0.0)
+        self._families, h = list[Family](), composite.fabric.thickness
+        # Across the courses the cosine and the sine of twice the angle change their signs.
+        for sign, threads in zip((1.0, -1.0), composite.threads, strict=True):
+            if threads is not None:
+                k, bending = constants(skin, threads.stiffness, threads.stiffness * h**2 / 12)
+                strain = None if threads.strain is None else constants(skin, threads.strain)[0]
+                cosine, sine = sign * direction[0], sign * direction[1]
+                self._families.append(Family(cosine, sine, k, bending, 0.0, strain))
+        self._shear = None if knit.shear is None else constants(skin, knit.shear)[0]
+        self._courses = Family(direction[0], direction[1], 0.0, 0.0, 0.0)
+        values = [(f.stretching, f.bending, f.strain) for f in self._families]
+        self.symbols = direction, values, self._shear
+        self._largest = max((float(f.stretching.value) for f in self._families), default=0.0)
+
+    def _plain(self, t: Triangle) -> list[Family]:
+        return [family.weighted(t.plain) for family in self._families]
 
     @override
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
-        return stretching_energy([self._family.weighted(t.plain)], e.C)
+        stretching = stretching_energy(self._plain(t), e.C)
+        if self._shear is None:
+            return stretching
+        return stretching + shearing_energy(self._courses, t.plain * self._shear, e.C)
 
     @override
     def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
-        return bending_of_lines([self._family.weighted(t.plain)], Lambda)
+        return bending_of_lines(self._plain(t), Lambda)
 
     @override
     def moduli(self, design: Densities) -> Floats | float:
-        return design.plain(self._stiffness)
+        return design.plain(self._largest)
 
 
 def _grain(knit: Knit, pattern: Pattern) -> Floats:

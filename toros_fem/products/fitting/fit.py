@@ -18,7 +18,7 @@ from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
 from toros_fem.base.validation import checked_list, require_kind
 from toros_fem.materials.library.material import LENGTHS, LibraryMaterial
-from toros_fem.materials.sheet import Knit, Material
+from toros_fem.materials.sheet import Knit, Material, Threads
 from toros_fem.products.fitting.origin import from_rest
 from toros_fem.products.fitting.samples import (
     CONFIDENCE,
@@ -46,6 +46,10 @@ CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "lam": ("Lamé parameter λ", "Pa"),
         "c1": ("bound c₁ on a stretch", ""),
         "c2": ("bound c₂ on their sum", ""),
+        "course_stiffness": ("courses: stiffness k", "N/m"),
+        "course_strain": ("courses: strain s", ""),
+        "wale_stiffness": ("wales: stiffness k", "N/m"),
+        "wale_strain": ("wales: strain s", ""),
         "knit_ratio": ("ratio of the directions", ""),
     }
 )
@@ -69,8 +73,9 @@ def fit_material(tests: Sequence[TensileTest], options: FitOptions | None = None
     stress and lateral stretch are weighted by their own spread. c₁ lies beyond the largest
     measured stretch, c₂ beyond the largest measured sum. Tests in two perpendicular directions
     ("course" and "wale", "x" and "y", "along" and "across", "warp" and "weft") are fitted together,
-    with the ratio of a `Knit` whose courses run along the stiffer one; tests in one direction as
-    an isotropic sheet.
+    by seven constants: E h, ν, c₂, and stiffness and strain of the `Threads` in each direction. The
+    courses of this `Knit` run along the stiffer one. Tests in one direction are fitted as those of
+    an isotropic sheet. Shear is not measured: it is that of the sheet.
 
     Args:
         tests: Tests of one material.
@@ -131,13 +136,18 @@ class _Fit:
             estimates=estimates_of(
                 scales.values(solution.theta, self.thickness),
                 scales.values(drawn.T, self.thickness),
-                {name: (near[name], far[name]) for name in ("c1", "c2")},
+                {
+                    name: tuple(sorted((near[name], far[name])))
+                    for name in ("c1", "c2", "course_strain", "wale_strain")
+                    if name in near
+                },
             ),
             samples=self.samples,
             stress=stress,
             lateral=lateral,
             options=options,
             thickness=self.thickness,
+            far=scales.far,
             stiff=scales.stiff,
             taken=self.remarks,
             doubts=self.doubts,
@@ -190,6 +200,7 @@ class FitResult:
         samples: The points that were fitted.
         stress, lateral: The model's values at these points, (n,) each.
         thickness: In m; stresses are per width, so that only E h is measured.
+        far: c₁ of the sheet beside threads, beyond what they let it stretch.
         stiff: Direction of the courses of `knit`, the stiffer of two; None of one direction.
         taken: What was taken for granted of files and tests, as sentences.
         doubts: What of it moves the values.
@@ -201,6 +212,7 @@ class FitResult:
     lateral: Floats
     options: FitOptions
     thickness: float
+    far: float = np.inf
     stiff: str | None = None
     taken: Sequence[str] = ()
     doubts: Sequence[str] = ()
@@ -278,8 +290,8 @@ class FitResult:
 
     @property
     def c1(self) -> float:
-        """Bound on a principal stretch."""
-        return self.estimates["c1"].value
+        """Bound on a principal stretch; with threads that of the sheet beside them."""
+        return self.estimates["c1"].value if "c1" in self.estimates else self.far
 
     @property
     def c2(self) -> float:
@@ -288,9 +300,14 @@ class FitResult:
 
     @property
     def knit(self) -> Knit | None:
-        """Courses of the fabric, if both directions were fitted."""
-        found = self.estimates.get("knit_ratio")
-        return None if found is None else Knit(max(found.value, 1.0))
+        """Threads of the fabric, if both directions were fitted."""
+        if self.stiff is None:
+            return None
+        course, wale = (
+            Threads(*(self.estimates[f"{name}_{of}"].value for of in ("stiffness", "strain")))
+            for name in ("course", "wale")
+        )
+        return Knit(course=course, wale=wale)
 
     @property
     def remarks(self) -> list[str]:
@@ -298,7 +315,8 @@ class FitResult:
         found = [*self.taken, *(f"In doubt: {text}" for text in self.doubted)]
         if self.stiff is not None:
             found.append(
-                f"{self.stiff!r} is the stiffer direction: the courses of `Knit` run along it."
+                f"{self.stiff!r} is the stiffer direction: the courses of `Knit` run along it. "
+                "Shear was not measured: it is that of the sheet, unless you give shear_stiffness."
             )
         if self.r2_lateral is None:
             found.append(
@@ -515,10 +533,22 @@ def library_entry(
         kind=kind,
         title=title or name,
         **{one: getattr(sheet, one) for one in ("young", "poisson", "thickness", "c1", "c2")},
-        knit_ratio=None if result.knit is None else result.knit.ratio,
+        **_threads(result.knit),
         stretch_range=(1.0, result.trusted_to),
         source=source or (tested if len(tested) < 200 else f"{tested[:199]}…"),
         trust="doubted" if result.doubted else "measured",
         with_fabric=with_fabric,
         note=note if len(note) <= LENGTHS["note"] else f"{note[: LENGTHS['note'] - 1]}…",
     )
+
+
+def _threads(knit: Knit | None) -> dict[str, Any]:
+    """Return the threads of a fitted fabric by the keys of a library."""
+    if knit is None or knit.course is None or knit.wale is None:
+        return {}
+    return {
+        "course_stiffness": knit.course.stiffness,
+        "course_strain": knit.course.strain,
+        "wale_stiffness": knit.wale.stiffness,
+        "wale_strain": knit.wale.strain,
+    }

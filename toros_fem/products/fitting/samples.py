@@ -26,6 +26,8 @@ Model = Callable[[Floats], tuple[Floats, Floats]]
 # Residual, in standard deviations, from which a robust loss grows linearly.
 TUNING = 1.5
 # Standard deviation of values of the size 1: at the start, and at least.
+# Least deviation of widths over that of stresses, where stresses come first.
+WIDTHS = 4.0
 START, EXACT = 0.05, 1e-5
 NORMAL_MAD = 1.4826
 SPREAD_STEPS = 30
@@ -178,6 +180,7 @@ class Problem:
         bounds: Smallest and largest value of each parameter, (p,) each.
         loss: One of `LOSSES`.
         tolerance: Relative change of loss and parameters at which a minimum is found.
+        stresses_first: Whether other values count less than stresses, the first group.
     """
 
     model: Model
@@ -186,6 +189,14 @@ class Problem:
     bounds: tuple[Floats, Floats]
     loss: str
     tolerance: float = 1e-10
+    stresses_first: bool = False
+
+    def with_stresses_first(self, sigma: Floats) -> Floats:
+        """Return standard deviations, of which others are larger than those of stresses."""
+        stresses = self.groups == 0
+        if not (self.stresses_first and stresses.any()):
+            return sigma
+        return np.where(stresses, sigma, np.maximum(sigma, WIDTHS * sigma[stresses].max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +226,7 @@ def robust_fit(problem: Problem, starts: Sequence[Floats], rounds: int = 4) -> R
 
     Standard deviations follow from the residuals, and parameters from them, in turns: `rounds`.
     """
-    sigma: Floats = np.full(len(problem.measured), START)
+    sigma = problem.with_stresses_first(np.full(len(problem.measured), START))
     tried = [minimise(problem, start, sigma) for start in starts]
     theta = min(tried, key=lambda found: found[1])[0]
     for _ in range(rounds):
@@ -224,6 +235,7 @@ def robust_fit(problem: Problem, starts: Sequence[Floats], rounds: int = 4) -> R
         for group in np.unique(problem.groups):
             own = problem.groups == group
             sigma = np.where(own, _spread(residuals[own], kept, problem.loss), sigma)
+        sigma = problem.with_stresses_first(sigma)
         theta = minimise(problem, theta, sigma)[0]
     return RobustFit(theta, sigma, *problem.model(theta))
 
@@ -308,10 +320,14 @@ class Samples:
     def problem(self, curve: Model, bounds: tuple[Floats, Floats], loss: str) -> Problem:
         """Return the fit of a curve: values of all points, (2, n), and derivatives, (2, n, p).
 
-        Stresses count over the largest one.
+        Stresses count over the largest one of their direction.
         """
         count, entries = len(self.strain), self.entries
-        size = np.repeat([float(np.abs(self.stress).max()), 1.0], count)[entries]
+        largest = np.ones(count)
+        for name in set(self.direction):
+            own = self.along(name)
+            largest[own] = np.abs(self.stress[own]).max()
+        size = np.append(largest, np.ones(count))[entries]
 
         def model(theta: Floats) -> tuple[Floats, Floats]:
             values, slopes = curve(theta)
@@ -319,7 +335,9 @@ class Samples:
             return values.ravel()[entries] / size, stacked / size[:, None]
 
         measured = np.append(self.stress, self.lateral)[entries] / size
-        return Problem(model, measured, entries // count, bounds, loss)
+        # A law of two directions cannot always have both.
+        both = len(set(self.direction)) > 1
+        return Problem(model, measured, entries // count, bounds, loss, stresses_first=both)
 
 
 def samples_of(

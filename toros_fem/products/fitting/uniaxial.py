@@ -2,9 +2,11 @@
 
 The lateral stretch is solved exactly, with derivatives. The parameters are ln(E h), ν,
 α = (x/(c₁−1))² and β = (z/(c₂−1))², where x and z are the largest strain along the pull and the
-largest sum of strains, and for a knit ln(ratio). α and β are small where the data do not reach a
-bound, so that a bound that they cannot tell is an interval that ends at the smallest α, not a
-number without meaning.
+largest sum of strains. α and β are small where the data do not reach a bound, so that a bound that
+they cannot tell is an interval that ends at the smallest α, not a number without meaning.
+
+Of two directions the threads of a `Knit` take the place of c₁, which is far: ln k and σ = (x/s)² of
+courses and wales, x the largest strain along them, k and s as of `Threads`.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ NEAREST, FARTHEST = 1.005, 10.0
 # A sum of strains that was not measured may be bounded well below the strain along the pull.
 NEAREST_SUM = 0.2
 LARGEST_POISSON = 0.5
-LARGEST_RATIO = 1000.0
+# Of threads: largest σ, and c₁ − 1 of the sheet beside them over the largest strain.
+STEEPEST, FAR = 36.0, 8.0
 # Names of perpendicular directions; a knit is fitted to both.
 PAIRS = (("course", "wale"), ("x", "y"), ("along", "across"), ("warp", "weft"))
 
@@ -41,7 +44,8 @@ class Coefficients(NamedTuple):
         mu, lam: Lamé parameters of plane stress, all in one unit of stress.
         a: 1/(c₁ − 1)²; 0 without this bound.
         b: 1/(c₂ − 1)²; 0 without this bound.
-        along, across: Stiffness of courses along the pull and across it, in the same unit.
+        along, across: Stiffness of threads along the pull and across it, in the same unit.
+        along_more, across_more: 1/s² of these; 0 where they do not stiffen.
     """
 
     mu: Any
@@ -50,22 +54,25 @@ class Coefficients(NamedTuple):
     b: Any
     along: Any = 0.0
     across: Any = 0.0
+    along_more: Any = 0.0
+    across_more: Any = 0.0
 
 
 def _balance(x: Any, w: Any, c: Coefficients) -> tuple[Any, Any]:
     """Return the stress across the pull, and its derivative by w."""
     z = x + w
     own, joint = 1 / (1 - c.a * w * w), 1 / (1 - c.b * z * z)
-    stress = 2 * c.mu * w * own + c.across * w + c.lam * z * joint
-    slope = 2 * c.mu * (1 + c.a * w * w) * own * own + c.across
+    more = c.across * np.exp(c.across_more * w * w)
+    stress = 2 * c.mu * w * own + more * w + c.lam * z * joint
+    slope = 2 * c.mu * (1 + c.a * w * w) * own * own + more * (1 + 2 * c.across_more * w * w)
     return stress, slope + c.lam * (1 + c.b * z * z) * joint * joint
 
 
 def lateral_strain(x: Floats, c: Coefficients) -> Floats:
     """Return w = λ₂ − 1, (n,), at which the stress across the pull vanishes; x = λ₁ − 1 < c₁ − 1.
 
-    2μ w/(1 − a w²) + k w + λ z/(1 − b z²) = 0 with z = x + w. The left side grows with w, is
-    negative at w = −x and positive at w = 0 or next to z = c₂ − 1. So the root is bracketed,
+    2μ w/(1 − a w²) + k w exp(w²/s²) + λ z/(1 − b z²) = 0 with z = x + w. The left side grows with
+    w, is negative at w = −x and positive at w = 0 or next to z = c₂ − 1. So the root is bracketed,
     however near the bounds, and Newton's method halves the bracket where it would leave it.
     """
     low = -x
@@ -86,7 +93,8 @@ def lateral_strain(x: Floats, c: Coefficients) -> Floats:
 def pulling_stress(x: Any, w: Any, c: Coefficients) -> Any:
     """Return the nominal stress along the pull, in the unit of the coefficients."""
     z = x + w
-    return 2 * c.mu * (x / (1 - c.a * x * x)) + c.along * x + c.lam * (z / (1 - c.b * z * z))
+    threads = c.along * x * np.exp(c.along_more * x * x)
+    return 2 * c.mu * (x / (1 - c.a * x * x)) + threads + c.lam * (z / (1 - c.b * z * z))
 
 
 def tension(
@@ -122,14 +130,22 @@ class Scales:
         strain: Largest measured strain along the pull.
         total: Largest measured sum of both strains; None where none was measured.
         stiffness: First guess of E h, in N/m.
-        stiff: Direction of the stiffer of two, in which `Knit` has its fibres; None for an
+        stiff: Direction of the stiffer of two, along which `Knit` has its courses; None for an
             isotropic sheet.
+        of_courses, of_wales: Largest measured strain along these.
     """
 
     strain: float
     total: float | None
     stiffness: float
     stiff: str | None
+    of_courses: float = 1.0
+    of_wales: float = 1.0
+
+    @property
+    def far(self) -> float:
+        """Bound c₁ of a sheet whose threads stiffen: beyond what they let it stretch."""
+        return 1 + FAR * self.strain
 
     @property
     def z(self) -> float:
@@ -142,29 +158,40 @@ class Scales:
         guess = np.log(self.stiffness)
         least, most = FARTHEST**-2, NEAREST**-2
         most_sum = NEAREST_SUM**-2 if self.total is None else most
-        low = np.array([guess - 9, 0.0, least, least, 0.0])
-        high = np.array([guess + 9, LARGEST_POISSON, most, most_sum, np.log(LARGEST_RATIO)])
-        number = 4 if self.stiff is None else 5
-        return low[:number], high[:number]
+        if self.stiff is None:
+            low = np.array([guess - 9, 0.0, least, least])
+            return low, np.array([guess + 9, LARGEST_POISSON, most, most_sum])
+        low = np.array([guess - 9, 0.0, least, *[guess - 9, least] * 2])
+        return low, np.array([guess + 9, LARGEST_POISSON, most_sum, *[guess + 9, STEEPEST] * 2])
 
     @property
     def starts(self) -> list[Floats]:
         """Values to start from: bounds far and near."""
-        rest = [] if self.stiff is None else [0.3]
+        guess = np.log(self.stiffness)
+        if self.stiff is None:
+            ends = (0.2, 0.2), (0.8, 0.2), (0.2, 0.8)
+            return [np.array([guess, 0.3, one, two]) for one, two in ends]
+        # Threads of a direction are stiff and stiffen little, or soft and stiffen much.
+        kinds = (0.0, 0.3), (1.0, 3.0), (4.0, 6.0)
         return [
-            np.array([np.log(self.stiffness), 0.3, one, two, *rest])
-            for one, two in ((0.2, 0.2), (0.8, 0.2), (0.2, 0.8))
+            np.array([guess - 1, 0.4, 0.2, guess - course, more, guess - wale, others])
+            for course, more in kinds
+            for wale, others in kinds
         ]
 
     def coefficients(self, theta: Any, course: Bools) -> Coefficients:
         """Return the coefficients of eq. (1), in N/m, of pulls along and across the courses."""
         young, poisson = np.exp(theta[0]), theta[1]
         mu, lam = lame(young, poisson)
-        a, b = theta[2] / self.strain**2, theta[3] / self.z**2
         if self.stiff is None:
-            return Coefficients(mu, lam, a, b)
-        k = (np.exp(theta[4]) - 1) / (1 - poisson**2) * young
-        return Coefficients(mu, lam, a, b, k * course, k * ~course)
+            return Coefficients(mu, lam, theta[2] / self.strain**2, theta[3] / self.z**2)
+        one, other = np.exp(theta[3]), np.exp(theta[5])
+        more, others = theta[4] / self.of_courses**2, theta[6] / self.of_wales**2
+        return Coefficients(
+            mu, lam, 1 / (self.far - 1) ** 2, theta[2] / self.z**2,
+            one * course + other * ~course, one * ~course + other * course,
+            more * course + others * ~course, more * ~course + others * course,
+        )  # fmt: skip
 
     def values(self, theta: Floats, thickness: float) -> dict[str, Any]:
         """Return all material constants by their names, in SI units, each as an entry of theta."""
@@ -175,10 +202,21 @@ class Scales:
             "poisson": poisson,
             "mu": mu,
             "lam": lam,
-            "c1": 1 + self.strain / np.sqrt(theta[2]),
-            "c2": 1 + self.z / np.sqrt(theta[3]),
         }
-        return found if self.stiff is None else {**found, "knit_ratio": np.exp(theta[4])}
+        if self.stiff is None:
+            bounds = 1 + self.strain / np.sqrt(theta[2]), 1 + self.z / np.sqrt(theta[3])
+            return {**found, "c1": bounds[0], "c2": bounds[1]}
+        course, wale = np.exp(theta[3]), np.exp(theta[5])
+        plane = np.exp(theta[0]) / (1 - poisson**2)
+        return {
+            **found,
+            "c2": 1 + self.z / np.sqrt(theta[2]),
+            "course_stiffness": course,
+            "course_strain": self.of_courses / np.sqrt(theta[4]),
+            "wale_stiffness": wale,
+            "wale_strain": self.of_wales / np.sqrt(theta[6]),
+            "knit_ratio": (plane + course) / (plane + wale),
+        }
 
 
 def lame(young: Any, poisson: Any) -> tuple[Any, Any]:
@@ -219,9 +257,9 @@ def scales_of(samples: Samples) -> Scales:
             "the stresses fall with the stretch: is the sign of the force that of tension?"
         )
     largest = float(x.max())
-    return Scales(
-        largest,
-        max(float(sums.max()), 0.05 * largest) if len(sums) else None,
-        min(secants.values()),
-        max(found, key=lambda name: secants[name]) if len(found) > 1 else None,
-    )
+    total = max(float(sums.max()), 0.05 * largest) if len(sums) else None
+    if len(found) == 1:
+        return Scales(largest, total, min(secants.values()), None)
+    stiff, soft = sorted(found, key=lambda name: -secants[name])
+    ends = (float(x[samples.along(name)].max()) for name in (stiff, soft))
+    return Scales(largest, total, min(secants.values()), stiff, *ends)

@@ -38,11 +38,15 @@ from toros_fem.materials.sheet import (
     Knit,
     Material,
     Membrane,
+    Threads,
 )
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.figures import DEFAULT, Tolerances
 from toros_fem.measures.shape import ShapePart
 from toros_fem.meshes.pattern import Pattern
+
+Stiffness = Annotated[float, In("N/m", at_least=0)]
+ThreadStrain = Annotated[float, In(above=0, at_most=100)]
 
 
 class Sheets(Table):
@@ -125,6 +129,23 @@ class SkinSheets(Sheets):
         "modulus of the fabric along its courses over that along its wales; none for an isotropic "
         "fabric",
     )
+    course_stiffness: Stiffness | None = key(
+        None,
+        "stiffness of threads along the courses, per width, in the place of knit_ratio; none takes "
+        "that of knit_ratio",
+    )
+    course_strain: ThreadStrain | None = key(
+        None, "strain over which the threads along the courses stiffen; none: they do not"
+    )
+    wale_stiffness: Stiffness | None = key(
+        None, "stiffness of threads along the wales, per width; none for none"
+    )
+    wale_strain: ThreadStrain | None = key(
+        None, "strain over which the threads along the wales stiffen; none: they do not"
+    )
+    shear_stiffness: Stiffness | None = key(
+        None, "stiffness of the fabric against shear of its threads, per width; none for none"
+    )
     grain_angle: Angle = key(
         0.0,
         "angle of the courses from the first axis of the flat panels; on a tube 0 is around and 90 "
@@ -133,13 +154,14 @@ class SkinSheets(Sheets):
 
     NEEDS: ClassVar = {
         "bladder_young": ("bladder_thickness", ()),
-        "grain_angle": ("knit_ratio", ()),
+        "course_strain": ("course_stiffness", ()),
+        "wale_strain": ("wale_stiffness", ()),
     }
 
     @property
     def composite(self) -> Composite:
         """Fabric and reinforcement, with bending, wrinkling, the bladder and the knit."""
-        thickness, ratio = self.bladder_thickness, self.knit_ratio
+        thickness = self.bladder_thickness
         return replace(
             super().composite,
             bending=None if self.bending is None else Bending(self.bending, self.seams),
@@ -147,8 +169,23 @@ class SkinSheets(Sheets):
             print_side=self.print_side,
             print_offset=self.print_offset,
             bladder=None if thickness is None else Bladder(self.bladder_young, thickness),
-            knit=None if ratio is None else Knit(ratio, float(np.radians(self.grain_angle))),
+            knit=self.knit,
         )
+
+    @property
+    def knit(self) -> Knit | None:
+        """Threads of the fabric; None for an isotropic one."""
+        grain, ratio = float(np.radians(self.grain_angle)), self.knit_ratio
+        course, wale = (
+            None if stiffness is None else Threads(stiffness, strain)
+            for stiffness, strain in (
+                (self.course_stiffness, self.course_strain),
+                (self.wale_stiffness, self.wale_strain),
+            )
+        )
+        if ratio is None and course is None and wale is None and self.shear_stiffness is None:
+            return None
+        return Knit(1.0 if ratio is None else ratio, grain, course, wale, self.shear_stiffness)
 
     def require_symmetric(self, planes: tuple[int, ...]) -> None:
         """Check that a knit has the mirrored grain where the skin is cut at symmetry planes.
@@ -156,7 +193,7 @@ class SkinSheets(Sheets):
         Raises:
             ParameterError: It has not.
         """
-        if planes and self.knit_ratio is not None and self.grain_angle % 90:
+        if planes and self.knit is not None and self.grain_angle % 90:
             raise ParameterError(
                 f"grain_angle = {self.grain_angle} deg is not symmetric: the other part would "
                 "have the mirrored grain. Set 0 or 90, or design the whole skin.",
