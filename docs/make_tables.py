@@ -78,6 +78,11 @@ def source_of(entry: LibraryMaterial) -> str:
     text = f"{entry.title}. {sentence(entry.source)}"
     if entry.knit_ratio is not None:
         text += f" Modulus along the courses over that along the wales: {entry.knit_ratio:g}."
+    for name in ("course", "wale"):
+        stiffness, strain = getattr(entry, f"{name}_stiffness"), getattr(entry, f"{name}_strain")
+        if stiffness is not None:
+            stiffens = "" if strain is None else f" over a strain of {strain:.3g}"
+            text += f" Threads along the {name}s: {stiffness:.3g} N/m{stiffens}."
     return text if entry.note is None else f"{text} {sentence(entry.note)}"
 
 

@@ -8,8 +8,9 @@ from typing import NamedTuple
 from helpers.scenes import ROOT
 from kit.pin import GOLDEN
 
-ENDINGS = {"n_per_m": "N/m", "n_m": "N m", "deg": "deg", "mm": "mm", "mm2": "mm²", "m3": "m³", "m2": "m²",
-           "m": "m", "pa": "Pa", "n": "N", "kg": "kg", "j": "J", "percent": "%"}  # fmt: skip
+ENDINGS = {"n_per_m": "N/m", "n_m": "N m", "deg": "deg", "mm": "mm", "mm2": "mm²", "m3": "m³",
+           "m2": "m²", "m": "m", "pa": "Pa", "n": "N", "kg": "kg", "j": "J",
+           "percent": "%"}  # fmt: skip
 
 
 class Column(NamedTuple):

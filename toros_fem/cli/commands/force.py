@@ -16,7 +16,7 @@ from toros_fem.products.options import ForceOptions
 
 
 class Force(Command, ForceOptions, kw_only=True):
-    """Says how the free end of a design pushes where it is blocked, and how stiff it is.
+    """Says how the free end of a design pushes if blocked, and how stiff it is.
 
     The end is inflated as a free rigid plate, which gives a place at each pressure. It is then held
     at rest and at each of these places, while the pressure rises: force and torque. Stiffness of

@@ -51,7 +51,7 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
         "view": "Writes the report of a run, a page for the browser",
         "export": "Writes the files for printer and cutter again",
         "tolerance": "Simulates a print with wrong widths, materials and pressure",
-        "force": "Says how the free end of a design pushes where it is blocked, and how stiff it is",
+        "force": "Says how the free end of a design pushes if blocked, and how stiff it is",
         "unwrap": "Cuts a surface along seams and lays it flat as a sewing pattern",
         "fit": "Fits a material to tensile tests",
         "doctor": "Says what the package runs on, and tries it",
