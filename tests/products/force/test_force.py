@@ -102,6 +102,8 @@ def test_half_a_skin_is_told_as_a_whole(comm: MPI.Comm) -> None:
     solver, of_whole = whole_solver(comm, case, "tip")
     whole = mirrored(pattern, (1,)).pattern
     assert len(solver.skin.pattern.points) == len(whole.points)
+    held = np.concatenate([whole.vertices_of(name) for name in ("base", "tip")])
+    assert not np.delete(solver.model.supports.fixed, held, axis=0).any(), "free at the cut"
     push = -wrench(solver, solver.solve(of_whole[solver.skin.owned_cells], 2e3), ["tip"])
     half = EquilibriumSolver(
         sew(comm, pattern),
