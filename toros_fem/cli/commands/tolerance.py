@@ -78,7 +78,7 @@ def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[s
     if not on_first_rank(comm, lambda: (folder / SCENE).exists()):
         raise FileError(
             f"{folder} does not say which scene it is of: {SCENE} is missing. Design it by "
-            "`toros design`, or call toros_fem.tolerances from your own script."
+            "`toros design`, or use toros_fem.tolerances or force_map in your own script."
         )
     read = read_scene(folder / SCENE, comm=comm)
     read.require_files(comm)
