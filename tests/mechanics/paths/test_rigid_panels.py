@@ -65,6 +65,10 @@ def test_both_ends_pull_against_each_other(tube: Skin, comm: MPI.Comm) -> None:
     """The pressure of a closed skin has no resultant: about one point both wrenches cancel."""
     solver, density = held_tube(tube)
     rest = solver.solve(density, at_pose(tube, POSE))
+    moved = rigid_displacement(tube.pattern, ["tip"], POSE[:3], POSE[3:])
+    ends = np.concatenate([tube.pattern.vertices_of(name) for name in ("base", "tip")])
+    there = solver.positions(rest)[ends]
+    assert there == pytest.approx((tube.pattern.points + moved)[ends], abs=1e-14)
     about = (0.01, 0.02, 0.03)
     tip, base = (wrench(solver, rest, [name], about) for name in ("tip", "base"))
     assert tip + base == pytest.approx(0, abs=1e-7 * np.abs(tip).max())

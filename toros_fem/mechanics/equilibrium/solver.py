@@ -188,6 +188,14 @@ class TangentSolver:
         self.tangent_at(at)
         return motion_to(self.model, self._factor, at.point, PathPoint(density, load, at.state))
 
+    def positions(self, at: Equilibrium) -> Floats:
+        """Return the positions of all vertices in m, (n, 3), in the pattern's order (collective).
+
+        Those of an `Equilibrium` itself are of this rank's nodes, in an order of their own.
+        """
+        require_kind("at", at, Equilibrium, "an Equilibrium of this solver")
+        return self.skin.gather_vertices(at.positions)
+
     def reactions(self, at: Equilibrium) -> Floats:
         """Return the forces in N by which the supports pull at all vertices, (n, 3) (collective).
 

@@ -70,7 +70,7 @@ def wrench(
             "clamp(pattern, panels) or displace(…) in the solver's supports."
         )
     pulls = solver.reactions(at)[vertices]
-    positions = solver.skin.gather_vertices(at.positions)
+    positions = solver.positions(at)
     point = _point(pattern, panels, positions, about)
     torque = np.cross(positions[vertices] - point, pulls).sum(axis=0)
     return np.concatenate([pulls.sum(axis=0), torque])
@@ -98,7 +98,7 @@ def panel_stiffness(
     model, skin = solver.model, solver.skin
     vertices = _held_vertices(solver, panels)
     solver.tangent_at(at)
-    positions = skin.gather_vertices(at.positions)
+    positions = solver.positions(at)
     arms = positions[vertices] - _point(skin.pattern, panels, positions, about)
     modes: Floats = np.zeros((len(positions), 3, 6))
     modes[vertices, :, :3] = np.eye(3)

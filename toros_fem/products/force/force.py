@@ -178,7 +178,7 @@ def force_map(
         free.append(found)
         poses.append(pose)
         stiffness[number] = panel_stiffness(solver, found, [panel], about + pose[:3])
-        measure(skin.gather_vertices(found.positions))
+        measure(solver.positions(found))
 
     pushes: Floats = np.full((count + 1, count, 6), np.nan)
     failures: list[str] = []
