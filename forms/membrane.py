@@ -56,7 +56,21 @@ def neo_hooke(e: Strain, mu: Any) -> Any:
     ψ = μ/2 (λ₁² + λ₂² + λ₃² − 3) with λ₃ = 1/(λ₁λ₂) (Treloar 1943); μ = E/3 times thickness, in
     N/m.
     """
-    return mu / 2 * (e.C[0] + e.C[1] + 1 / (e.p * e.p) - 3)
+    return mu / 2 * first_invariant(e)
+
+
+def yeoh(e: Strain, mu: Any, second: Any, third: Any) -> Any:
+    """Return the energy per flat area of the same layer of Yeoh's law (Yeoh 1993).
+
+    ψ = μ/2 (I₁ − 3) + C₂₀ (I₁ − 3)² + C₃₀ (I₁ − 3)³; all constants times thickness, in N/m.
+    """
+    invariant = first_invariant(e)
+    return invariant * (mu / 2 + invariant * (second + invariant * third))
+
+
+def first_invariant(e: Strain) -> Any:
+    """Return I₁ − 3 of an incompressible layer, λ₁² + λ₂² + 1/(λ₁λ₂)² − 3."""
+    return e.C[0] + e.C[1] + 1 / (e.p * e.p) - 3
 
 
 def log1p(y: Any) -> Any:

@@ -105,6 +105,17 @@ def barrier(x: np.ndarray) -> float:
 
 def rubber(x: np.ndarray) -> float:
     """Return the energy of an incompressible neo-Hookean bladder, μ = E/3."""
+    return float(0.3e6 / 3 * 5e-4 / 2 * AREAS @ invariants(x))
+
+
+def stiffening_rubber(x: np.ndarray) -> float:
+    """Return the same of Yeoh's law."""
+    invariant = invariants(x)
+    return rubber(x) + float(5e-4 * AREAS @ (-4e3 * invariant**2 + 7e3 * invariant**3))
+
+
+def invariants(x: np.ndarray) -> np.ndarray:
+    """Return I₁ − 3 of incompressible triangles, (t,)."""
     flat, there = SKIN.pattern.points[CELLS], x[CELLS]
     metric = []
     for corners in (flat, there):
@@ -112,8 +123,7 @@ def rubber(x: np.ndarray) -> float:
         metric.append(sides @ np.swapaxes(sides, 1, 2))
     C = np.linalg.solve(metric[0], metric[1])
     thin = np.linalg.det(C)
-    stretch = np.trace(C, axis1=1, axis2=2) + 1 / thin - 3
-    return float(0.3e6 / 3 * 5e-4 / 2 * AREAS @ stretch)
+    return np.asarray(np.trace(C, axis1=1, axis2=2) + 1 / thin - 3)
 
 
 def oblique(skin: Skin) -> Supports:
@@ -177,6 +187,10 @@ TERMS = {
     "four triangles": Term(None, Load(np.array([100.0])), kinds=2, skin=FOUR, supports=HELD,
                            free=False),
     "bladder": Term({}, composite=replace(SHEET, bladder=Bladder(0.3e6, 5e-4)), by_hand=rubber),
+    "bladder that stiffens": Term(
+        {}, composite=replace(SHEET, bladder=Bladder(0.3e6, 5e-4, -4e3, 7e3)),
+        by_hand=stiffening_rubber,
+    ),
     "knit": Term({}, composite=replace(SHEET, knit=Knit(3.0, 0.4)), kinds=2),
     "threads that stiffen": Term(
         {}, composite=replace(SHEET, knit=THREADS), kinds=2

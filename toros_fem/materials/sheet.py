@@ -122,13 +122,20 @@ class Membrane(Table):
 class Bladder(Table):
     """Thin airtight layer of incompressible rubber that moves with the skin.
 
-    It is neo-Hookean, in plane stress, and so thin that its own bending is neglected.
+    It is in plane stress, and so thin that its own bending is neglected. It is neo-Hookean, or with
+    further constants of Yeoh's law: ψ = E/6 (I₁ − 3) + C₂₀ (I₁ − 3)² + C₃₀ (I₁ − 3)³ per volume.
     """
 
     young: Modulus = key(
         MISSING, "Young's modulus at small strain; the shear modulus is a third of it"
     )
     thickness: Length = key(MISSING, "thickness, undeformed")
+    second: Annotated[float, In("Pa")] | None = key(
+        None, "constant C₂₀ of Yeoh's law, by which the rubber softens or stiffens; none for none"
+    )
+    third: Annotated[float, In("Pa", at_least=0)] | None = key(
+        None, "constant C₃₀ of Yeoh's law, by which it stiffens at large strain; none for none"
+    )
 
     @property
     def membrane_stiffness(self) -> float:

@@ -31,7 +31,7 @@ from toros_fem.forms.lines import (
     shearing_energy,
     stretching_energy,
 )
-from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke, relaxed
+from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke, relaxed, yeoh
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
 from toros_fem.mechanics.skin.patch_space import (
@@ -154,15 +154,20 @@ def _held(pattern: Pattern, supports: Supports) -> Bools:
 
 
 class RubberLayer(Term):
-    """Neo-Hookean energy of a bladder that stretches with the fabric."""
+    """Energy of a bladder that stretches with the fabric: neo-Hookean, or of Yeoh's law."""
 
     def __init__(self, skin: Skin, bladder: Bladder) -> None:
-        self._stiffness = bladder.membrane_stiffness
-        self.symbols = self._mu = fem.Constant(skin.mesh, self._stiffness / 3)
+        self._stiffness, h = bladder.membrane_stiffness, bladder.thickness
+        self._mu = fem.Constant(skin.mesh, self._stiffness / 3)
+        further = bladder.second, bladder.third
+        self._further: list[fem.Constant] = []
+        if further != (None, None):
+            self._further = constants(skin, *(h * (value or 0.0) for value in further))
+        self.symbols = self._mu, self._further
 
     @override
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
-        return neo_hooke(e, self._mu)
+        return yeoh(e, self._mu, *self._further) if self._further else neo_hooke(e, self._mu)
 
     @override
     def moduli(self, design: Densities) -> Floats | float:

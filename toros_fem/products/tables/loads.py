@@ -124,6 +124,12 @@ class SkinSheets(Sheets):
         0.29e6, "Young's modulus of a rubber bladder that moves with the skin"
     )
     bladder_thickness: Length | None = key(None, "thickness of the bladder; none leaves it out")
+    bladder_second: Annotated[float, In("Pa")] | None = key(
+        None, "constant C₂₀ of Yeoh's law of the bladder; none for a neo-Hookean one"
+    )
+    bladder_third: Annotated[float, In("Pa", at_least=0)] | None = key(
+        None, "constant C₃₀ of Yeoh's law of the bladder; none for none"
+    )
     knit_ratio: Annotated[float, In(at_least=1)] | None = key(
         None,
         "modulus of the fabric along its courses over that along its wales; none for an isotropic "
@@ -153,7 +159,9 @@ class SkinSheets(Sheets):
     )
 
     NEEDS: ClassVar = {
-        "bladder_young": ("bladder_thickness", ()),
+        **dict.fromkeys(
+            ("bladder_young", "bladder_second", "bladder_third"), ("bladder_thickness", ())
+        ),
         "course_strain": ("course_stiffness", ()),
         "wale_strain": ("wale_stiffness", ()),
     }
@@ -168,7 +176,9 @@ class SkinSheets(Sheets):
             membrane=Membrane(self.wrinkling),
             print_side=self.print_side,
             print_offset=self.print_offset,
-            bladder=None if thickness is None else Bladder(self.bladder_young, thickness),
+            bladder=None
+            if thickness is None
+            else Bladder(self.bladder_young, thickness, self.bladder_second, self.bladder_third),
             knit=self.knit,
         )
 
