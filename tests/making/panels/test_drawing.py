@@ -124,7 +124,7 @@ def test_what_is_no_drawing_of_these_panels(alone: MPI.Comm, tube: Pattern, tmp_
     # In another scale, as of a program that counts 72 units an inch.
     wide = re.sub(r'(width|height)="([\d.]+)mm"', r'\1="\2pt"', text)
     refused(wide.replace('<g id="wall">', f'<g id="wall">{disc}'), "in true scale")
-    refused("no drawing", "cannot be read as a drawing")
+    refused("no drawing", "cannot be read as a drawing.*toros check SCENE --drawing FILE")
     with pytest.raises(FileError, match="cannot be read"):
         read_drawing(alone, tmp_path / "none.svg", tube)
     with pytest.raises(ParameterError, match="ends in .pdf; a drawing ends in"):

@@ -13,6 +13,7 @@ from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.rigid_panels import panel_stiffness, solve_for, solve_rigid, wrench
+from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp, displace, rigid_displacement
 from toros_fem.meshes import Skin
@@ -148,6 +149,25 @@ def test_what_is_not_held_bears_nothing(tube: Skin, comm: MPI.Comm) -> None:
         solve_rigid(solver, rest.density, 1e3, ["tip"])
     with pytest.raises(PanelError):
         wrench(solver, rest, ["lid"])
+
+
+def test_stiffness_beside_chambers(tube: Skin, comm: MPI.Comm) -> None:
+    """Two of equal pressure, whose wall is far from the tip, are one; at their wall it is told."""
+    pattern = tube.pattern
+    upper = pattern.points[pattern.triangles].mean(axis=1)[:, 2] > 0.03
+    supports = clamp(pattern, ["base", "tip"])
+    density, pressed = np.full(len(tube.owned_cells), 0.2), 2e3
+    found = []
+    for chambers in (None, Chambers(("lower", "upper"), upper.astype(np.int64))):
+        solver = EquilibriumSolver(tube, Composite(), supports, TIGHT, chambers=chambers)
+        rest = solver.solve(density, pressed)
+        found.append(panel_stiffness(solver, rest, ["tip"]))
+    one, two = found
+    assert two == pytest.approx(one, abs=1e-5 * np.abs(one).max())
+    of_tip = Chambers(("rest", "tip"), (pattern.panel == pattern.panel_index("tip")).astype(int))
+    solver = EquilibriumSolver(tube, Composite(), supports, chambers=of_tip)
+    with pytest.raises(ParameterError, match="Close the panel by a cap"):
+        panel_stiffness(solver, solver.solve(density, pressed), ["tip"])
 
 
 def test_the_stiffness_knows_no_contact(tube: Skin, comm: MPI.Comm) -> None:

@@ -84,7 +84,7 @@ def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[s
     read.require_files(comm)
     if not isinstance(read.config, ActuatorScene):
         raise FileError(
-            f"{folder} is a run of the kind {read.kind.KIND!r}; tolerances are those of designs of "
+            f"{folder} is a run of the kind {read.kind.KIND!r}; this command takes designs of "
             f"{', '.join(name for name, of in KINDS.items() if issubclass(of, ActuatorScene))}."
         )
     return read.config, dict(read.files)

@@ -77,7 +77,7 @@ def read_drawing(comm: MPI.Comm, path: Path | str, pattern: Pattern) -> list[Bas
         except Exception as caught:
             raise FileError(
                 f"{file} cannot be read as a drawing: {caught}. Begin with a template: "
-                "`toros new KIND SCENE --drawing FILE`."
+                "`toros check SCENE --drawing FILE`."
             ) from caught
         return _on_panels(file, pattern, shapes)
 
@@ -106,8 +106,13 @@ def write_template(comm: MPI.Comm, path: Path | str, pattern: Pattern) -> None:
     on_first_rank(comm, write)
 
 
+def is_drawing(file: Path) -> bool:
+    """Return whether a file is a drawing, by its name."""
+    return file.suffix.lower() in FORMATS
+
+
 def _require_format(file: Path) -> None:
-    if file.suffix.lower() not in FORMATS:
+    if not is_drawing(file):
         raise ParameterError(
             f"{file} ends in {file.suffix or 'nothing'}; a drawing ends in {', '.join(FORMATS)}."
         )

@@ -336,14 +336,12 @@ class _ArcLength:
             share = min(share, 1 - reached)
             wanted = begin + (reached + share) * (volume - begin)
             rise = wanted - self._volume(self.point.state)
-            predicted = self.point.plus(self.point.response, rise / self.volume_rate())
-            moved = predicted.minus(self.point).state
-            farthest = largest(self._comm, float(np.abs(self._model.positions(moved)).max()))
-            step = min(1.0, FAR_BY_VOLUME * self._size / farthest)
-            step *= self._allowed(self.point.state, step * moved)
-            point = self._corrected(
-                self.point.plus(predicted.minus(self.point), step), None, volume=wanted
-            )
+            step, response = rise / self.volume_rate(), self.point.response
+            moves = np.abs(step * self._model.positions(response.state))
+            far = FAR_BY_VOLUME * self._size
+            step *= far / max(far, largest(self._comm, float(moves.max(initial=0.0))))
+            step *= self._allowed(self.point.state, step * response.state)
+            point = self._corrected(self.point.plus(response, step), None, volume=wanted)
             if not isinstance(point, str):
                 self.point, reached, share = point, reached + share, 2 * share
                 self._peak = max(self._peak, abs(point.factor))

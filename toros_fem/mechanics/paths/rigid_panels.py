@@ -24,12 +24,18 @@ from toros_fem.base.validation import (
     require_finite,
     require_kind,
     require_positive,
+    vector,
 )
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
-from toros_fem.mechanics.skin.supports import centre_of, rigid_displacement, vertices_of_panels
-from toros_fem.mechanics.terms.tangent import CHUNK, TriangleMatrices
+from toros_fem.mechanics.skin.supports import (
+    Planes,
+    centre_of,
+    rigid_displacement,
+    vertices_of_panels,
+)
+from toros_fem.mechanics.terms.tangent import CHUNK, TriangleMatrices, symmetric
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import skew
 
@@ -72,8 +78,7 @@ def wrench(
     pulls = solver.reactions(at)[vertices]
     positions = solver.positions(at)
     point = _point(pattern, panels, positions, about)
-    torque = np.cross(positions[vertices] - point, pulls).sum(axis=0)
-    return np.concatenate([pulls.sum(axis=0), torque])
+    return _resultant(pulls, positions[vertices] - point)
 
 
 def panel_stiffness(
@@ -163,21 +168,21 @@ def solve_rigid(
     pose = checked_floats("pose", pose, "a finite pose (6,), in m and rad", (6,))
     point = _point(pattern, panels, pattern.points, about)
     given = load_of(load)
+    others = np.ones(len(pattern.points), dtype=bool)
+    others[vertices] = False
 
     def solved(pose: Floats, start: Floats | Equilibrium | None) -> Equilibrium:
-        other = given.displacement
         moved = rigid_displacement(pattern, panels, pose[:3], pose[3:], point)
-        if other is not None:
-            moved[np.setdiff1d(np.arange(len(moved)), vertices)] += np.delete(
-                np.asarray(other), vertices, axis=0
-            )
+        if given.displacement is not None:
+            moved[others] = given.displacement[others]
         return solver.solve(density, replace(given, displacement=moved), start)
 
     def missing(found: Equilibrium, pose: Floats) -> tuple[Floats, float]:
         """Return by how much the wrench is off in its free components, and the size of forces."""
-        acting = wrench(solver, found, panels, point + pose[:3])
-        pulls = np.abs(solver.reactions(found)[vertices]).sum()
-        return (acting - wanted)[loose] / scale, float(pulls + np.abs(wanted[:3]).sum())
+        pulls = solver.reactions(found)[vertices]
+        acting = _resultant(pulls, solver.positions(found)[vertices] - point - pose[:3])
+        size_of_forces = float(np.abs(pulls).sum() + np.abs(wanted[:3]).sum())
+        return (acting - wanted)[loose] / scale, size_of_forces
 
     size = pattern.size
     scale = np.repeat([1.0, size], 3)[loose]  # torques as forces at the skin's size
@@ -258,13 +263,15 @@ def solve_for(
     first, second = map(float, checked_floats("between", between, "two finite numbers", (2,)))
     require_finite(goal=goal)
     require_positive(tolerance=tolerance)
-    known: dict[float, Equilibrium] = {}
+    known: dict[float, tuple[Equilibrium, float]] = {}
 
     def off(number: float) -> float:
-        nearest = min(known, key=lambda other: abs(other - number), default=None)
-        begin = start if nearest is None else known[nearest]
-        known[number] = solver.solve(density, load(number), begin)
-        return float(reading(known[number])) - goal
+        if number not in known:
+            nearest = min(known, key=lambda other: abs(other - number), default=None)
+            begin = start if nearest is None else known[nearest][0]
+            found = solver.solve(density, load(number), begin)
+            known[number] = found, float(reading(found)) - goal
+        return known[number][1]
 
     ends = off(first), off(second)
     if ends[0] * ends[1] > 0:
@@ -272,15 +279,9 @@ def solve_for(
             f"the reading is {ends[0] + goal:.6g} at {first:g} and {ends[1] + goal:.6g} at "
             f"{second:g}, both on one side of the goal {goal:g}. Give numbers further apart."
         )
-    remembered = dict(zip((first, second), ends, strict=True))
-
-    def once(number: float) -> float:
-        return remembered[number] if number in remembered else off(number)
-
-    root = float(brentq(once, first, second, xtol=tolerance))
-    if root not in known:
-        off(root)
-    return root, known[root]
+    root = float(brentq(off, first, second, xtol=tolerance))
+    off(root)
+    return root, known[root][0]
 
 
 class _Near:
@@ -294,8 +295,9 @@ class _Near:
                 f"the stiffness of a panel knows no {what}; leave it out of the solver, or take "
                 "differences of `wrench` between two poses."
             )
+        _require_closed(solver, vertices)
         triangles = TriangleMatrices(model)
-        entries = np.zeros(triangles.count)
+        entries = np.zeros(triangles.count + sum(term.pairs.shape[1] for term in model.terms))
         triangles.compute(state, entries)
         self._vector, self._size = work_vector(model.space), model.size_local
         marked = self._vector
@@ -308,10 +310,8 @@ class _Near:
         dofs = np.where(triangles.present, triangles.dofs, triangles.dofs[:, :1])
         met = np.where(triangles.present, marked.array[dofs] > 0, False).any(axis=1)
         self._dofs, self._present = dofs[met], triangles.present[met]
-        count = dofs.shape[1]
-        self._upper = np.triu_indices(count)
-        pairs = len(self._upper[0])
-        self._entries = entries.reshape(-1, pairs)[triangles.rows[met]]
+        of_triangle = entries[: triangles.count].reshape(len(dofs), -1)
+        self._entries = of_triangle[triangles.rows[met]]
 
     def product(self, x: Floats) -> Floats:
         """Return the product with owned unknowns (n, k) in rows of the panels (collective).
@@ -321,23 +321,43 @@ class _Near:
         return np.stack([self._times(column) for column in x.T], axis=1)
 
     def _times(self, x: Floats) -> Floats:
-        vector = self._vector
-        vector.array[: self._size] = x
-        vector.scatter_forward()
-        local, out = vector.array.copy(), np.zeros(len(vector.array))
+        work = self._vector
+        work.array[: self._size] = x
+        work.scatter_forward()
+        local, out = work.array.copy(), np.zeros(len(work.array))
         count = self._dofs.shape[1]
-        row, column = self._upper
         for begin in range(0, len(self._dofs), CHUNK):
             part = slice(begin, begin + CHUNK)
             dofs, present = self._dofs[part], self._present[part]
-            matrices = np.zeros((len(dofs), count, count))
-            matrices[:, row, column] = matrices[:, column, row] = self._entries[part]
+            matrices = symmetric(self._entries[part], count)
             values = np.where(present, local[dofs], 0.0)
             products = np.where(present, np.einsum("ijk,ik->ij", matrices, values), 0.0)
             np.add.at(out, dofs, products)
-        vector.array[:] = out
-        vector.scatter_reverse(la.InsertMode.add)
-        return np.array(vector.array[: self._size])
+        work.array[:] = out
+        work.scatter_reverse(la.InsertMode.add)
+        return np.array(work.array[: self._size])
+
+
+def _require_closed(solver: EquilibriumSolver, vertices: Ints) -> None:
+    """Check that what closes a chamber does not end at a panel, unless in a symmetry plane."""
+    pattern, pressure = solver.skin.pattern, solver.model.pressure
+    in_panel = np.zeros(len(pattern.points), dtype=bool)
+    in_panel[vertices] = True
+    in_symmetry = Planes(pattern, solver.model.supports).of_symmetry()
+    edges = pattern.free_edges
+    in_plane = np.any(in_symmetry[edges].all(axis=1), axis=1)
+    open_there = np.all(in_panel[edges], axis=1) & ~in_plane
+    at_wall = pressure is not None and in_panel[pressure.wall_vertices].any()
+    if np.any(open_there) or at_wall:
+        raise ParameterError(
+            "a lid or a wall between chambers ends at the panel, and its stiffness is not known. "
+            "Close the panel by a cap of its own, or take differences of `wrench` between poses."
+        )
+
+
+def _resultant(forces: Floats, arms: Floats) -> Floats:
+    """Return the sum of forces (n, 3) and of their torques by their arms, (6,)."""
+    return np.concatenate([forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)])
 
 
 def _held_vertices(solver: EquilibriumSolver, panels: Sequence[str]) -> Ints:
@@ -360,7 +380,7 @@ def _point(
 ) -> Floats:
     if about is None:
         return centre_of(pattern, panels, positions)
-    return checked_floats("about", about, "a finite point (3,), in m", (3,))
+    return vector("about", about)
 
 
 def _names(panels: Sequence[str]) -> str:

@@ -22,6 +22,7 @@ from toros_fem.base.validation import (
     require_count,
     require_finite,
     require_kind,
+    vector,
     whole_numbers,
 )
 from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
@@ -258,14 +259,14 @@ def rigid_displacement(
     `displace`.
     """
     vertices = vertices_of_panels(pattern, panels)
-    vector = checked_floats("displacement", shift, "a finite vector (3,), in m", (3,))
-    angles = checked_floats("turn", turn, "a finite rotation vector (3,), in rad", (3,))
+    moves = checked_floats("displacement", shift, "a finite vector (3,), in m", (3,))
+    angles = vector("turn", turn)
     point = centre_of(pattern, panels, pattern.points)
     if about is not None:
-        point = checked_floats("about", about, "a finite point (3,), in m", (3,))
+        point = vector("about", about)
     arms = pattern.points[vertices] - point
     moved: Floats = np.zeros((len(pattern.points), 3))
-    moved[vertices] = vector + Rotation.from_rotvec(angles).apply(arms) - arms
+    moved[vertices] = moves + Rotation.from_rotvec(angles).apply(arms) - arms
     return moved
 
 

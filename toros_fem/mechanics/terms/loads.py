@@ -19,7 +19,6 @@ from toros_fem.mechanics.skin.patch_space import Patch, constants, positions
 from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.mechanics.terms.term import Compiled, PotentialTerm, Term
 from toros_fem.meshes.skin import Skin
-from toros_fem.meshes.triangles import half_edges
 
 GRAVITY = 9.81  # m/s²
 
@@ -176,6 +175,11 @@ class Pressure(PotentialTerm):
             pairs.append(np.stack([number[rows], number[columns]]))
         self.pairs = np.concatenate(pairs, axis=1)
 
+    @property
+    def wall_vertices(self) -> Ints:
+        """Vertices of the walls between chambers and of the lids that are counted, (k,)."""
+        return self._vertices if self._walls else np.zeros(0, dtype=np.int64)
+
     def beyond_skin(self, x: Floats) -> Floats:
         """Return the part of the first variation in N that is no pressure on the skin, (n, 3).
 
@@ -184,20 +188,20 @@ class Pressure(PotentialTerm):
         a to b; lids have a part at their vertices (collective).
         """
         pattern, out = self._skin.pattern, np.zeros_like(positions(self._skin, x))
-        border = pattern.edges.twins[pattern.edges.border, 0]
-        if not len(border) or not self.values.any():
+        ends = pattern.free_edges  # as their triangles run
+        if not len(ends) or not self.values.any():
             return out
         places = self._skin.gather_vertices(positions(self._skin, x)) - self._origin
-        ends = half_edges(pattern.triangles)[border]
         acting: Any = self.values[0]
         if self.chambers is not None:
-            acting = self.values[self.chambers.of_cell[border // 3], None]
+            cells = pattern.edges.twins[pattern.edges.border, 0] // 3
+            acting = self.values[self.chambers.of_cell[cells], None]
         at_border = np.zeros_like(places)
         turned = acting * np.cross(*places[ends].transpose(1, 0, 2)) / 6
         np.add.at(at_border, ends[:, 0], turned)
         np.add.at(at_border, ends[:, 1], turned)
-        lids = [wall for wall in self._walls if wall.sides[1] < 0]
-        return out + at_border[self._skin.owned_vertices] - self._gradient_of(lids, x, self.values)
+        lids = self._wall_gradient(x, self.values, lids_alone=True)
+        return at_border[self._skin.owned_vertices] - lids
 
     @override
     def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
@@ -261,16 +265,13 @@ class Pressure(PotentialTerm):
         placed = self._placed(x, weights)
         return float(sum(jump * wall.volume(places) for wall, _, places, jump in placed))
 
-    def _wall_gradient(self, x: Floats, weights: Floats) -> Floats:
+    def _wall_gradient(self, x: Floats, weights: Floats, *, lids_alone: bool = False) -> Floats:
         """Return it at the owned nodes, (n, 3)."""
-        return self._gradient_of(self._walls, x, weights)
-
-    def _gradient_of(self, walls: list[Fan], x: Floats, weights: Floats) -> Floats:
         out = np.zeros_like(positions(self._skin, x))
-        if walls:
+        if self._walls:
             whole = np.zeros((len(self._vertices), 3))
             for wall, at, places, jump in self._placed(x, weights):
-                if wall in walls:
+                if wall.sides[1] < 0 or not lids_alone:
                     np.add.at(whole, at, jump * wall.gradient(places))
             out[self._own] = whole[self._place]
         return out

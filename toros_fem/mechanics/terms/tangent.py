@@ -211,6 +211,14 @@ def _with(known: Ints, more: Ints) -> tuple[Ints, Ints]:
     return np.insert(known, place[new], more[new]), np.arange(len(known)) + ahead
 
 
+def symmetric(upper: Floats, size: int) -> Floats:
+    """Return whole matrices, (n, size, size), from the rows of their upper triangles, (n, p)."""
+    row, column = np.triu_indices(size)
+    matrices = np.zeros((len(upper), size, size))
+    matrices[:, row, column] = matrices[:, column, row] = upper
+    return matrices
+
+
 class PeriodicTangent:
     """Tangent entries at the columns of F̄, from the matrices of triangles that see images.
 
@@ -227,9 +235,9 @@ class PeriodicTangent:
         self._cells = cells = np.flatnonzero(images.images.any(axis=1))
         self._dofs, self._present = triangles.dofs[cells], triangles.present[cells]
         count = self._dofs.shape[1]
-        self._pairs = np.triu_indices(count)
-        first = triangles.rows[cells].astype(np.int64) * len(self._pairs[0])
-        self._entries = first[:, None] + np.arange(len(self._pairs[0]))
+        of_each = count * (count + 1) // 2
+        first = triangles.rows[cells].astype(np.int64) * of_each
+        self._entries = first[:, None] + np.arange(of_each)
         # A S of each triangle has rows of its unknowns and columns of F̄; SᵀA S is symmetric.
         index_map = model.space.dofmap.index_map
         local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
@@ -245,10 +253,8 @@ class PeriodicTangent:
 
     def _products(self, entries: Floats) -> tuple[Floats, Floats]:
         """A S, (cells, n, 6), and SᵀA S, (cells, 6, 6), from the entries of the triangles."""
-        row, column = self._pairs
         count = self._dofs.shape[1]
-        matrix = np.zeros((len(self._cells), count, count))
-        matrix[:, row, column] = matrix[:, column, row] = entries[self._entries]
+        matrix = symmetric(entries[self._entries], count)
         matrix *= self._present[:, :, None] & self._present[:, None, :]
         shifts = self._images.shifts[self._cells]
         by_node = np.zeros((len(self._cells), count // 3, 3, 2, 3))

@@ -537,7 +537,7 @@ class Designer(DensityDesigner):
 
         That mesh is asked for, or it is tried where its own meshes leave the verdict open.
         """
-        made, level = found.printed.evaluation, self._print_level
+        made, level = found.printed.evaluation, self.scene.level_of_print
         if made is None:
             return found
         coarser = replace(self, scene=self.scene.updated(check_refinement=None))
@@ -657,21 +657,15 @@ class Designer(DensityDesigner):
         problem = made.problem
         assert isinstance(problem, ShapeDesign)
         measures, whole = measures_of(problem, [*found.shape]), problem.whole.pattern
-        return metric_errors(self, self._print_level, measures, simulated, whole, known)
+        return metric_errors(self, self.scene.level_of_print, measures, simulated, whole, known)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""
         self._check()
         ratio = self.scene.TRIAL_MESH
         return simulated_on(
-            self, self._print_level.scaled(ratio), SimulatedPrint.of(printed), ratio
+            self, self.scene.level_of_print.scaled(ratio), SimulatedPrint.of(printed), ratio
         )
-
-    @property
-    def _print_level(self) -> Level:
-        """The mesh of the print."""
-        lines = self.scene.design.start == "relaxed"
-        return self.scene.print_level if lines else self.scene.finest_level
 
 
 def _badness(found: SkinDesign) -> tuple[bool, float]:

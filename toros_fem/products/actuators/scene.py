@@ -180,6 +180,12 @@ class DesignScene(Scene):
         return self._of_lines(self.lines.print_edge_length)
 
     @property
+    def level_of_print(self) -> Level:
+        """The mesh that prints of this scene follow their borders from."""
+        lines = self.design.start == "relaxed"
+        return self.print_level if lines else self.finest_level
+
+    @property
     def density_level(self) -> Level:
         """The mesh of the densities that start from printable lines."""
         level = self.print_level

@@ -18,9 +18,9 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, PanelError, ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
-from toros_fem.making.panels.drawing import FORMATS, read_drawing
+from toros_fem.making.panels.drawing import is_drawing, read_drawing
 from toros_fem.making.print.printability import PRINT, read_print_polygons
-from toros_fem.making.print.regions import case_of_print, part_regions
+from toros_fem.making.print.regions import case_of_print
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -70,10 +70,15 @@ class SimulationResult(PathResult):
     errors: MetricErrors | None = None
 
     @property
+    def drawn(self) -> bool:
+        """Whether its print is a drawing."""
+        return self.source is not None and is_drawing(Path(self.source))
+
+    @property
     def figures(self) -> tuple[Figure, ...]:
         """Metrics, pressure and volume at the last point; a plain or drawn skin has no target."""
         found = super().figures
-        if self.source is not None and Path(self.source).suffix.lower() not in FORMATS:
+        if self.source is not None and not self.drawn:
             return found
         return tuple(replace(figure, target=None, tolerance=None) for figure in found)
 
@@ -84,8 +89,8 @@ class SimulationResult(PathResult):
 
     def description(self) -> str:
         """Return metrics and pressure in a sentence."""
-        drawn = self.source is not None and Path(self.source).suffix.lower() in FORMATS
-        what = "plain skin" if self.source is None else "as drawn" if drawn else "as printed"
+        printed = "as drawn" if self.drawn else "as printed"
+        what = "plain skin" if self.source is None else printed
         ended = "" if self.failure is None else f"; it ends there: {self.failure}"
         return f"{super().description()}, {what}{ended}"
 
@@ -172,40 +177,34 @@ def case_to_simulate(
         raise ParameterError(
             f"pressure = {scene.pressure.pressure} Pa must be above 0 to simulate with it."
         )
-    level = scene.finest_level
-    made = scene.case(comm, level)
     if pattern is None:
+        level = scene.finest_level
+        made = scene.case(comm, level)
         given = made.prescribed
         plain = np.zeros(len(made.pattern.panel))
         return made, level, plain if given is None else np.nan_to_num(given, nan=0.0), None
-    path = Path(pattern)
-    if path.suffix.lower() in FORMATS:
-        if scene.design.start == "relaxed":
-            level = scene.print_level
-            made = scene.case(comm, level)
-        drawn = _drawn_print(comm, made, path)
-        fine = made.following(comm, part_regions(made.pattern, drawn))
-        assert fine.passive is not None
-        return fine, level, fine.passive, (made.whole.pattern, drawn)
-    source, printed = read_print(comm, path / NAME if path.is_dir() else path)
-    stored = None
-    if path.is_dir() and on_first_rank(comm, (path / PRINT).exists):
-        stored = read_print_polygons(comm, path)
-    if stored is not None and scene.design.start == "relaxed":
-        level = scene.print_level
-        made = scene.case(comm, level)
+    path, drawing = Path(pattern), is_drawing(Path(pattern))
+    has_polygons = on_first_rank(comm, lambda: path.is_dir() and (path / PRINT).exists())
+    level = scene.level_of_print if drawing or has_polygons else scene.finest_level
+    made = scene.case(comm, level)
     try:
-        if stored is None:
+        if drawing:
+            print_of_whole: Printed = (made.whole.pattern, _drawn_print(comm, made, path))
+        elif has_polygons:
+            stored = read_print_polygons(comm, path)
+            print_of_whole = stored.pattern, stored.regions
+        else:
+            source, printed = read_print(comm, path / NAME if path.is_dir() else path)
             density = printed.astype(np.float64)
             if _same(source, made.pattern):
                 return replace(made, pattern=source), level, density, None
             there = make_transfer(source, made.pattern).at_cells(density)
             return made, level, (there >= 0.5).astype(np.float64), None
-        fine = case_of_print(comm, made, stored.pattern, stored.regions)
+        fine = case_of_print(comm, made, *print_of_whole)
     except PanelError as caught:
         raise PanelError(f"{path} is the pattern of another skin: {caught}") from None
     assert fine.passive is not None
-    return fine, level, fine.passive, (stored.pattern, stored.regions)
+    return fine, level, fine.passive, print_of_whole
 
 
 def _drawn_print(comm: MPI.Comm, case: Case, path: Path) -> list[BaseGeometry]:

@@ -19,13 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import (
-    NoEquilibriumError,
     PanelError,
     ParameterError,
     TorosError,
 )
 from toros_fem.base.files import guarded, if_plotting, write_json, write_table
-from toros_fem.base.mpi import free_dropped, on_first_rank
+from toros_fem.base.mpi import free_dropped
 from toros_fem.base.validation import unit_vector, vector
 from toros_fem.design.loop.case import Case
 from toros_fem.making.print.printability import read_print_polygons
@@ -49,10 +48,9 @@ from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.estimates import SAFETY
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.options import ForceOptions
-from toros_fem.products.tolerance.of_run import finished_summary
+from toros_fem.products.tolerance.of_run import printed_summary
 
 FILES = ("force.json", "force.csv", "force.png")
-TIP = "tip"
 # Of the air around, in Pa.
 ATMOSPHERE = 101_325.0
 POSE = ("shift_x_m", "shift_y_m", "shift_z_m", "turn_x_rad", "turn_y_rad", "turn_z_rad")
@@ -238,10 +236,7 @@ def forces_of_run(
         NoEquilibriumError: The print, or the skin with a free rigid end, has no equilibrium.
     """
     folder, options = Path(run), options or ForceOptions()
-    entries = on_first_rank(comm, lambda: finished_summary(folder)).entries
-    if entries["printed_failure"]:
-        raise NoEquilibriumError(f"the print has no equilibrium: {entries['printed_failure']}")
-    own = [float(p) for p in entries["pressures_pa"]]
+    own = [float(p) for p in printed_summary(comm, folder).entries["pressures_pa"]]
     if options.pressure is None and len(set(own)) > 1:
         raise ParameterError(
             f"the design has the pressures {', '.join(formatted(p, 'pa') for p in own)}; forces "
@@ -250,7 +245,7 @@ def forces_of_run(
     largest = own[0] if options.pressure is None else options.pressure
     pressures = largest * np.arange(1, options.steps + 1) / options.steps
     scene = scene.with_files(comm, files)
-    level = scene.print_level if scene.design.start == "relaxed" else scene.finest_level
+    level = scene.level_of_print
     stored = read_print_polygons(comm, folder)
 
     def mapped(level: Level, ratio: float = 1.0) -> ForceMap:

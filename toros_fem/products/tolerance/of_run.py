@@ -48,12 +48,9 @@ def tolerances_of_run(
         TorosError: A file cannot be read, or does not fit.
     """
     folder = Path(run)
-    summary = on_first_rank(comm, lambda: finished_summary(folder))
-    failure = summary.entries["printed_failure"]
-    if failure:
-        raise NoEquilibriumError(f"the print has no equilibrium: {failure}")
+    summary = printed_summary(comm, folder)
     scene = scene.with_files(comm, files)
-    level = scene.print_level if scene.design.start == "relaxed" else scene.finest_level
+    level = scene.level_of_print
     case = scene.case(comm, level)
     stored = read_print_polygons(comm, folder)
     fine = case_of_print(comm, case, stored.pattern, stored.regions)
@@ -70,6 +67,19 @@ def tolerances_of_run(
         pressures=summary.entries["pressures_pa"],
         own_mesh={key: value for key, value in values.items() if value is not None},
     )
+
+
+def printed_summary(comm: MPI.Comm, folder: Path) -> Summary:
+    """Return the summary of a finished design whose print has an equilibrium (collective).
+
+    Raises:
+        FileError: The folder holds no finished design.
+        NoEquilibriumError: The print has no equilibrium.
+    """
+    summary = on_first_rank(comm, lambda: finished_summary(folder))
+    if failure := summary.entries["printed_failure"]:
+        raise NoEquilibriumError(f"the print has no equilibrium: {failure}")
+    return summary
 
 
 def finished_summary(folder: Path) -> Summary:
