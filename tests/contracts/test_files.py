@@ -46,14 +46,14 @@ from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.materials.sheet import Knit, Membrane
 from toros_fem.meshes import (
     Pattern,
+    files,
     from_mesh,
     moulded,
     read_pattern,
     read_surface,
     write_pattern,
 )
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.surfaces import files
+from toros_fem.meshes.panels import Affine
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tiles.report import PrintedTile, read_tile, write_tile
 from toros_fem.results.runs.frames import (

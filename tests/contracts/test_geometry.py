@@ -33,7 +33,7 @@ from toros_fem.meshes import (
     two_panels,
     walker,
 )
-from toros_fem.meshes.makers.sheets import KINDS
+from toros_fem.meshes.sheets import KINDS
 from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import flat_areas
 

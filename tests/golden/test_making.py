@@ -27,8 +27,8 @@ from toros_fem.making.print.printability import PrintLimits, printability, print
 from toros_fem.making.sheets.layout import CutSheet, manufacture
 from toros_fem.making.sheets.write import cut_dxf, print_bodies
 from toros_fem.meshes import cylinder, mirrored
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.makers.sheets import disc, rectangle
+from toros_fem.meshes.panels import Affine
+from toros_fem.meshes.sheets import disc, rectangle
 
 pytestmark = [pytest.mark.usefixtures("kept_meshes")]
 ALONE = MPI.COMM_SELF

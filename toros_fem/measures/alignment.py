@@ -18,8 +18,7 @@ from toros_fem.measures.shape import (
     require_objective,
     weighted_areas,
 )
-from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Mirrored, Pattern
 from toros_fem.meshes.skin import Skin
 
 

@@ -11,7 +11,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
 from toros_fem.measures.metrics import Metric, turn_about, turn_angle
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.surfaces.surface import Surface
+from toros_fem.meshes.surface import Surface
 from toros_fem.meshes.targets import Deformer, bend, compose, contract
 from toros_fem.meshes.targets import twist as turned
 

@@ -26,9 +26,8 @@ from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkles
-from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.meshes.files import PATTERN_FILE, write_pattern
+from toros_fem.meshes.pattern import Mirrored, Pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.results.result import (
     PrintedResult,
@@ -134,7 +133,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
         write_print_polygons(folder / PRINT, printed.pattern, printed.regions, printed.limits)
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
         # Of a part: its triangles are the first of the whole.
-        write_pattern(folder / NAME, part, cells[: len(part.panel)])
+        write_pattern(folder / PATTERN_FILE, part, cells[: len(part.panel)])
         write_series(folder, seen, [frame])
         write_skin_fields(folder, pattern, positions, fields, folds)
 

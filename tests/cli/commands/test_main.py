@@ -25,7 +25,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import sew
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 ALONE = MPI.COMM_SELF
 

@@ -14,7 +14,7 @@ from toros_fem.measures.metrics import bend_angle, shortening
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, bend, cylinder
-from toros_fem.meshes.moving import with_flat_points
+from toros_fem.meshes.panels import with_flat_points
 from toros_fem.meshes.transfer import refine
 
 LENGTH, DIAMETER, RADIUS = 0.06, 0.02, 7e-3

@@ -20,7 +20,7 @@ from toros_fem.making.print.printability import (
 )
 from toros_fem.making.print.regions import beyond_seams, part_regions
 from toros_fem.meshes import Pattern, cylinder
-from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import mirrored
 
 
 def checked(pattern: Pattern, cleaned: CleanedRegions) -> list[BaseGeometry]:

@@ -17,7 +17,7 @@ from toros_fem.making.panels.marks import Label
 from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.sheets.layout import CutSheet
 from toros_fem.making.sheets.write import cut_dxf, cut_svg, outlines
-from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.panels import Affine
 
 SVG = "{http://www.w3.org/2000/svg}"
 

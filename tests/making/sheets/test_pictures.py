@@ -11,7 +11,7 @@ from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import CAPITAL, PanelDrawing, panel_drawings
 from toros_fem.making.sheets.layout import CutSheet
 from toros_fem.making.sheets.manifest import seam_picture, sheet_picture
-from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.panels import Affine
 
 SIZE = (0.3, 0.2)
 SVG = "{http://www.w3.org/2000/svg}"

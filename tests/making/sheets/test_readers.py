@@ -21,7 +21,7 @@ from toros_fem.making.sheets.layout import Manufacture, manufacture
 from toros_fem.making.sheets.manifest import NAME, manifest
 from toros_fem.making.sheets.write import machine_files
 from toros_fem.meshes import Pattern, two_panels, unwrap
-from toros_fem.meshes.surfaces.surface import Surface
+from toros_fem.meshes.surface import Surface
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
 ezdxf = pytest.importorskip("ezdxf", reason="ezdxf is not installed")

@@ -21,7 +21,7 @@ from toros_fem.base.files import if_possible
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.write import made_as, write_manufacture
 from toros_fem.meshes import Pattern
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 SMALL = ManufactureOptions(bed_width=0.1, bed_depth=0.19, layer_height=0.5e-3)
 

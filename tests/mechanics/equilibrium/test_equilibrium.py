@@ -27,7 +27,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import Skin, cylinder, sew
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 OUTCOMES = PETSc.SNES.ConvergedReason
 LOAD = Load(np.array([2e3]))

@@ -19,7 +19,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.miss import Aim, residuals_of
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 from toros_fem.products.actuators import corrections, discovery
 from toros_fem.products.actuators.corrections import (
     StrainResponse,
@@ -27,11 +27,7 @@ from toros_fem.products.actuators.corrections import (
     strains_to_ask,
     with_strains,
 )
-from toros_fem.products.actuators.discovery import (
-    Discovery,
-    densities_from,
-    discover,
-)
+from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import Job, MeshValues, values_on
 from toros_fem.products.actuators.printed_lines import (
     WIDER,

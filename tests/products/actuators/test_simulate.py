@@ -9,7 +9,7 @@ from helpers.designs import DESIGN_ALONE, case_of
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.meshes.pattern_file import write_pattern
+from toros_fem.meshes.files import write_pattern
 from toros_fem.products.tubes import bend, inflate
 
 pytestmark = pytest.mark.usefixtures("few_pictures")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toros_fem.measures.gap import Body
-from toros_fem.meshes.surfaces.surface import volume
+from toros_fem.meshes.surface import volume
 from toros_fem.products.gripper.load import in_room, solid
 
 BALL = Body("sphere", 0.04, (0.03, 0.0, 0.02))

@@ -18,15 +18,10 @@ from toros_fem.cli.scene_files import scene_text
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.shape import ShapePart
 from toros_fem.meshes import triangle_limit
-from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.meshes.files import PATTERN_FILE, write_pattern
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.own_mesh.metrics import MetricTable
-from toros_fem.products.own_mesh.own_mesh import (
-    Held,
-    OwnMeshScene,
-    OwnSkin,
-    read_skin,
-)
+from toros_fem.products.own_mesh.own_mesh import Held, OwnMeshScene, OwnSkin, read_skin
 from toros_fem.results.runs.stored_run import summary_of
 
 pytestmark = pytest.mark.usefixtures("few_pictures")
@@ -198,7 +193,7 @@ def test_symmetric_design_and_its_metrics(alone: MPI.Comm, tmp_path: Path) -> No
 
 def test_symmetry_by_hand(alone: MPI.Comm, tmp_path: Path) -> None:
     """A part has supports and target of the whole."""
-    write_pattern(tmp_path / NAME, read_skin(alone, SYMMETRIC, FINGER).pattern)
+    write_pattern(tmp_path / PATTERN_FILE, read_skin(alone, SYMMETRIC, FINGER).pattern)
     case = case_on(alone, SYMMETRIC, read_skin(alone, SYMMETRIC, tmp_path))
     x = case.whole.at_vertices(case.goal)
     values = [m.measure(case.pattern, case.goal) for m in case.metrics or ()]

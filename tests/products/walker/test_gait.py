@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import WALKER, walker
-from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import mirrored
 from toros_fem.products.walker.gait import Gait, Walk, walk_of
 
 

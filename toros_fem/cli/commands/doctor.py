@@ -109,7 +109,7 @@ def _solve(comm: MPI.Comm) -> dict[str, Any]:
     from toros_fem.materials.sheet import Composite
     from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
     from toros_fem.mechanics.skin.supports import clamp
-    from toros_fem.meshes.makers.sheets import cylinder
+    from toros_fem.meshes.sheets import cylinder
     from toros_fem.meshes.skin import sew
 
     begin = time.perf_counter()

@@ -34,8 +34,7 @@ from toros_fem.design.lines.field import (
     make_line_mesh,
 )
 from toros_fem.design.lines.laid_lines import LaidLines, kept_width, with_regions
-from toros_fem.meshes.mirror import mirrored, plane_border
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, mirrored, plane_border
 from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import equilateral_edge, half_edges
 

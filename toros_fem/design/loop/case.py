@@ -30,8 +30,7 @@ from toros_fem.mechanics.skin.dead_loads import carried_force
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.meshes.border_mesh import bordered
-from toros_fem.meshes.mirror import Mirrored, mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Mirrored, Pattern, mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.transfer import OtherMesh, make_transfer, refine
 

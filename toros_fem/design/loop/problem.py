@@ -16,7 +16,7 @@ from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.physics import Physics, Pressure, R, Residuals
 from toros_fem.measures.metrics import Metric, check_metrics
-from toros_fem.meshes.mirror import Mirrored, mirrored
+from toros_fem.meshes.pattern import Mirrored, mirrored
 from toros_fem.meshes.skin import Skin
 
 

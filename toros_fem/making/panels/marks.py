@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.validation import require_kind
-from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.panels import Affine
 from toros_fem.meshes.pattern import Pattern
 
 # Number of places that are tried along the longer side of a region.

@@ -27,8 +27,7 @@ from toros_fem.making.panels.marks import (
     panel_label,
     sewn_seams,
 )
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.panels import panel_places
+from toros_fem.meshes.panels import Affine, panel_places
 from toros_fem.meshes.pattern import Pattern, Regions
 
 # A corner sharper than this many allowances is cut off.

@@ -34,10 +34,8 @@ from toros_fem.making.print.printability import (
 )
 from toros_fem.making.print.regions import BEYOND, beyond_seams, part_regions, with_more
 from toros_fem.making.print.widths import narrow_discs
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.panels import polygons_of
-from toros_fem.meshes.pattern import Pattern, Regions
+from toros_fem.meshes.panels import Affine, polygons_of
+from toros_fem.meshes.pattern import Mirrored, Pattern, Regions
 
 # Width of a bridge to an island, over the least width, and over the smoothing length: so wide that
 # the mesh of the density sees it too.

@@ -19,9 +19,9 @@ from toros_fem.base.keys import Area, Length, Table, key
 from toros_fem.base.mpi import on_root
 from toros_fem.making.print.regions import BEYOND, beyond_seams, packed_regions, regions_of
 from toros_fem.making.print.widths import Widths, measure_widths
+from toros_fem.meshes.files import archive_of, pattern_of
 from toros_fem.meshes.panels import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.pattern_file import archive_of, pattern_of
 from toros_fem.meshes.triangles import linked
 
 PRINT, KIND = "print.npz", "print"

@@ -13,8 +13,7 @@ from toros_fem.base.errors import FileError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import straight_joints
 from toros_fem.design.loop.case import Case
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.panels import polygons_of
+from toros_fem.meshes.panels import Affine, polygons_of
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import scaled_points
 

@@ -27,7 +27,7 @@ from toros_fem.making.panels.panel_drawing import (
     panel_drawings,
     printed_face,
 )
-from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.panels import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 
 log = logging.getLogger(__name__)

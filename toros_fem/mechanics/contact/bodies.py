@@ -33,7 +33,7 @@ from toros_fem.base.validation import (
     whole_numbers,
 )
 from toros_fem.measures.rotation import axial
-from toros_fem.meshes.surfaces.surface import Surface, holes, volume
+from toros_fem.meshes.surface import Surface, holes, volume
 from toros_fem.meshes.triangles import corner_angles, normals, skew, surface_areas
 
 # Faces around a vertex whose normals spread by less than this, in rad, count as one plane.

@@ -31,8 +31,7 @@ from toros_fem.mechanics.equilibrium.newton import Attempt, Attempts, Newton
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.terms.model import SkinModel
-from toros_fem.meshes.mirror import FLAT
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import FLAT, Pattern
 from toros_fem.meshes.triangles import harmonic_extension
 
 # First increment where no pressure tells one, as a fraction of the load.

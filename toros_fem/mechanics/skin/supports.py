@@ -25,8 +25,7 @@ from toros_fem.base.validation import (
     vector,
     whole_numbers,
 )
-from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import FLAT, Pattern, mirrored, plane_border
 from toros_fem.meshes.triangles import edge_keys, following, half_edges, linked, opposite_edges
 
 if TYPE_CHECKING:

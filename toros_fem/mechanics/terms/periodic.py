@@ -23,7 +23,7 @@ from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
 if TYPE_CHECKING:  # who makes a tile has imported it
-    from toros_fem.meshes.makers.tile import Tile
+    from toros_fem.meshes.tiles import Tile
 
 # Components of F̄, rows n, t, z and columns n, t: a sheet that is pulled along n and free across.
 UNIAXIAL = ((True, False), (True, False), (True, True))

@@ -27,7 +27,7 @@ from toros_fem.making.print.regions import print_on
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import State, largest_part, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.meshes.pattern_file import NAME as PATTERN
+from toros_fem.meshes.files import PATTERN_FILE
 from toros_fem.products.actuators.corrections import corrected
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
@@ -503,7 +503,7 @@ class Designer(DensityDesigner):
         summary, place = found.summary(), folder / FOLDER
 
         def make() -> None:
-            copies = PATTERN, PRINT  # so that the folder holds what can be simulated again
+            copies = PATTERN_FILE, PRINT  # so that the folder holds what can be simulated again
             write_manufacture(
                 place, printed.pattern, printed.regions, summary=summary, others=copies
             )

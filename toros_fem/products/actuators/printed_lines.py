@@ -28,7 +28,7 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.print.as_printed import PrintedDesign, Shape, printed, unmeshed
 from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.regions import part_regions, regions_on
-from toros_fem.meshes.moving import border_motion
+from toros_fem.meshes.panels import border_motion
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import Job, SimulatedPrint, near_on_coarser

@@ -26,8 +26,8 @@ from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.meshes.files import PATTERN_FILE, read_print
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import (
@@ -51,7 +51,8 @@ log = logging.getLogger(__name__)
 SAME = 1e-3
 
 FILES = {
-    "pattern": f"output folder of a design, its {NAME}, or a drawing; none: nothing is printed"
+    "pattern": f"output folder of a design, its {PATTERN_FILE}, or a drawing; none: "
+    "nothing is printed"
 }
 
 
@@ -194,7 +195,7 @@ def case_to_simulate(
             stored = read_print_polygons(comm, path)
             print_of_whole = stored.pattern, stored.regions
         else:
-            source, printed = read_print(comm, path / NAME if path.is_dir() else path)
+            source, printed = read_print(comm, path / PATTERN_FILE if path.is_dir() else path)
             density = printed.astype(np.float64)
             if _same(source, made.pattern):
                 return replace(made, pattern=source), level, density, None

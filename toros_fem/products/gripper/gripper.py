@@ -36,7 +36,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.mechanics.terms.loads import GRAVITY
-from toros_fem.meshes.makers.two_panels import finger, plane_centroids
+from toros_fem.meshes.outlines import finger, plane_centroids
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import curl
 from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh

@@ -31,8 +31,7 @@ from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_ou
 from toros_fem.mechanics.paths.trace_point import until_failure
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.loads import GRAVITY
-from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern, Regions
+from toros_fem.meshes.pattern import Mirrored, Pattern, Regions
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.meshes.triangles import normals

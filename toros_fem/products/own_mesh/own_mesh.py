@@ -21,12 +21,17 @@ from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
 from toros_fem.measures.metrics import Metric, distance
 from toros_fem.measures.shape import Part, ShapePart
 from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
-from toros_fem.meshes.mirror import mirrored, require_symmetric_map
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.pattern_file import NAME, read_pattern
-from toros_fem.meshes.surfaces.files import from_copy, from_mesh, gap_hint
-from toros_fem.meshes.surfaces.planes import NEAR, cut_at_planes, require_symmetric, straightened
-from toros_fem.meshes.surfaces.surface import Surface, holes, volume
+from toros_fem.meshes.files import PATTERN_FILE, from_copy, from_mesh, gap_hint, read_pattern
+from toros_fem.meshes.pattern import Pattern, mirrored, require_symmetric_map
+from toros_fem.meshes.surface import (
+    NEAR,
+    Surface,
+    cut_at_planes,
+    holes,
+    require_symmetric,
+    straightened,
+    volume,
+)
 from toros_fem.meshes.targets import Deformer
 from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import half_edges, lengths
@@ -53,7 +58,7 @@ METRICS = ("distance", "angle", "twist", "shortening")
 FILTER_EDGES = 1.5
 # Part of an edge within which a vertex moves into a plane where the part is meshed anew.
 EXACT = 1e-3
-MESH = {"mesh": f"mesh file (STL, OBJ, PLY, MSH, XDMF), or a {NAME} with its panels"}
+MESH = {"mesh": f"mesh file (STL, OBJ, PLY, MSH, XDMF), or a {PATTERN_FILE} with its panels"}
 TARGET = {
     "target": "the same mesh deformed to the target, its triangles in the same order; none: the "
     "target is that of the table [target]"
@@ -517,7 +522,7 @@ def read_skin(
     symmetry = scene.skin.symmetry
     axes = tuple(map("xyz".index, symmetry)) if symmetry not in (None, "auto") else ()
     if comm.bcast(mesh.is_dir()):
-        mesh = mesh / NAME
+        mesh = mesh / PATTERN_FILE
     if mesh.suffix == ".npz":
         pattern = read_pattern(comm, mesh)
         if axes and not len(pattern.free_edges):

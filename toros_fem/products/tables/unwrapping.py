@@ -14,8 +14,8 @@ from toros_fem.base.keys import In, Length, Number, OneOf, Positive, Table, key
 if TYPE_CHECKING:  # `toros unwrap --help` needs no meshes
     from scipy.sparse import csr_array
 
-    from toros_fem.meshes.surfaces.surface import Surface
-    from toros_fem.meshes.surfaces.unwrap import Unwrapped
+    from toros_fem.meshes.surface import Surface
+    from toros_fem.meshes.unwrapped import Unwrapped
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +50,7 @@ class Unwrapping(Table):
 
     def surface(self, comm: MPI.Comm, path: Path) -> Surface:
         """Read the surface, and warn of a size that no skin has (collective)."""
-        from toros_fem.meshes.surfaces.files import USUAL, read_surface, unit_hint
+        from toros_fem.meshes.files import USUAL, read_surface, unit_hint
 
         surface = read_surface(comm, path, self.scale, self.component)
         size = float(np.ptp(surface.points, axis=0).max())
@@ -66,7 +66,7 @@ class Unwrapping(Table):
         """
         from scipy.sparse import eye_array
 
-        from toros_fem.meshes.surfaces.remeshed import remeshed
+        from toros_fem.meshes.seams import remeshed
         from toros_fem.meshes.triangles import require_affordable
 
         if self.remesh is None:
@@ -84,7 +84,7 @@ class Unwrapping(Table):
         Raises:
             SurfaceError: A region cannot be laid flat by the requested method.
         """
-        from toros_fem.meshes.surfaces.unwrap import unwrap
+        from toros_fem.meshes.unwrapped import unwrap
 
         return unwrap(
             comm,

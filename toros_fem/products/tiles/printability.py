@@ -16,8 +16,8 @@ from toros_fem.making.print.cleaning import Panels
 from toros_fem.making.print.printability import PanelRegion, PrintLimits
 from toros_fem.making.print.regions import with_more
 from toros_fem.making.print.widths import Widths, measure_widths
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
+from toros_fem.meshes.panels import Affine
+from toros_fem.meshes.tiles import SYMMETRIES, Tile
 from toros_fem.meshes.triangles import edges_of, following, linked
 
 # Number of tiles along each side where lines and gaps are measured; one lies in the middle.

@@ -30,8 +30,8 @@ from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
 from toros_fem.mechanics.terms.periodic import Periodic
-from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.skin import sew
+from toros_fem.meshes.tiles import Tile, tile
 from toros_fem.products.actuators.estimates import COARSER, COARSER_MESHES
 from toros_fem.products.tables.loads import Sheets
 from toros_fem.products.tables.steps import FilterTable, PrinterTable

@@ -19,20 +19,15 @@ from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
 from toros_fem.base.mpi import on_root
-from toros_fem.base.validation import (
-    checked_path,
-    require_kind,
-    require_positive,
-    shown,
-)
+from toros_fem.base.validation import checked_path, require_kind, require_positive, shown
 from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.making.print.regions import packed_regions, regions_of
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure
-from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.tiles import Tile, tile
 from toros_fem.products.tiles.printability import SIDE, repeated
 from toros_fem.products.tiles.problem import UNITS, PrintMeasurement, TileCase, TileResult
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget

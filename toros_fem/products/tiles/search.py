@@ -21,7 +21,7 @@ from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.making.print.as_printed import contour_values
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.mechanics.equilibrium.iteration import NewtonStep
-from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
+from toros_fem.meshes.tiles import SYMMETRIES, Tile
 from toros_fem.products.tiles.printability import TilePrintability, tile_printability
 from toros_fem.products.tiles.problem import (
     Searching,

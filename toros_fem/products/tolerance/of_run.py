@@ -16,8 +16,8 @@ from toros_fem.base.files import guarded, if_plotting, write_json, write_table
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.making.print.regions import case_of_print
+from toros_fem.meshes.files import PATTERN_FILE, read_pattern
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.simulated import ToleranceResult, Variant, simulated_tolerances
@@ -100,7 +100,7 @@ def _shape(folder: Path) -> tuple[Pattern, Floats] | None:
     frames = read_frames(folder / FOLDER, "print")
     if not frames:
         return None
-    part = read_pattern(MPI.COMM_SELF, folder / NAME)
+    part = read_pattern(MPI.COMM_SELF, folder / PATTERN_FILE)
     whole = read_skin(folder / FOLDER / frames[-1].skin).pattern
     positions = part.points.copy()
     # The triangles of a part are the first of the whole.

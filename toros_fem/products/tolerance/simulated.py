@@ -27,7 +27,7 @@ from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.meshes.moving import border_motion, with_flat_points
+from toros_fem.meshes.panels import border_motion, with_flat_points
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig

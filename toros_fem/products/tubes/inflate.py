@@ -20,7 +20,7 @@ from toros_fem.measures.metrics import Metric, shortening, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
-from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import mirrored
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.triangles import expected_triangles, require_affordable
 from toros_fem.products.actuators.cost import Cost

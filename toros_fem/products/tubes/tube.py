@@ -24,9 +24,8 @@ from toros_fem.measures.metrics import (
 )
 from toros_fem.measures.shape import Part
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_planes
-from toros_fem.meshes.makers.sheets import BASE, TIP, WALL, cylinder
-from toros_fem.meshes.mirror import mirrored, require_symmetric_map
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, mirrored, require_symmetric_map
+from toros_fem.meshes.sheets import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.plausibility import Group, Inflated

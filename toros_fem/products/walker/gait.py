@@ -18,8 +18,7 @@ from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.layers import ContactSizes, opened
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.supports import Planes, Supports
-from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern, Regions
+from toros_fem.meshes.pattern import Mirrored, Pattern, Regions
 from toros_fem.products.actuators.legs import tip_positions
 from toros_fem.results.runs.frames import ShownSkin
 from toros_fem.results.runs.record import write_path

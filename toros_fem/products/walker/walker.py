@@ -35,9 +35,8 @@ from toros_fem.mechanics.paths.trace_point import until_failure
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.mechanics.terms.loads import Weight
-from toros_fem.meshes.makers.two_panels import Star, plane_centroids, walker
-from toros_fem.meshes.mirror import mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.outlines import Star, plane_centroids, walker
+from toros_fem.meshes.pattern import Pattern, mirrored
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.targets import stand
 from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals

@@ -21,10 +21,9 @@ from toros_fem.design.lines.field import LineField
 from toros_fem.making.panels.marks import sewn_seams
 from toros_fem.making.print.printability import Printability, PrintLimits
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.panels import panel_places
+from toros_fem.meshes.panels import Affine, panel_places
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.surfaces.unwrap import Unwrapped
+from toros_fem.meshes.unwrapped import Unwrapped
 from toros_fem.results.pictures import style
 from toros_fem.results.pictures.raster import DrawnSurface, Image, View
 from toros_fem.results.pictures.shown import Axonometry, visible

@@ -24,7 +24,7 @@ from toros_fem.base.validation import require_kind
 from toros_fem.making.panels.panel_drawing import region_data
 from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.surfaces.flatten import triangle_stretches
+from toros_fem.meshes.unwrapped import triangle_stretches
 from toros_fem.results.report import tables
 from toros_fem.results.report.tables import as_shown
 from toros_fem.results.runs.frames import Frame, ShownSkin

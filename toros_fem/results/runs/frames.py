@@ -19,8 +19,8 @@ from toros_fem.base.errors import OutputError
 from toros_fem.base.files import replace_file
 from toros_fem.making.print.regions import REGIONS, packed_regions, regions_of
 from toros_fem.measures.miss import Miss, miss_of, placed_on
+from toros_fem.meshes.files import archive_of, pattern_of
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.pattern_file import archive_of, pattern_of
 
 FOLDER = "frames"
 # Frames over iterations that are kept, besides the newest.

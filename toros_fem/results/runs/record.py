@@ -16,8 +16,7 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.measures.miss import compared_axes, is_aligned
 from toros_fem.mechanics.paths.trace_point import TracePoint
-from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern, Regions
+from toros_fem.meshes.pattern import Mirrored, Pattern, Regions
 from toros_fem.results.runs.frames import (
     FOLDER,
     Frame,

@@ -1,7 +1,12 @@
-"""Sheets, tubes and moulded skins: their size, and where they are free of stress."""
+"""Sheets, and grids, rings and polygons."""
 
+from __future__ import annotations
+
+from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import gmsh
 import numpy as np
 import pytest
 from helpers.models import pressurize
@@ -16,7 +21,11 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, clamp_where, symmetry_plane
 from toros_fem.mechanics.terms.model import make_model
 from toros_fem.meshes import Pattern, cylinder, moulded, sew
+from toros_fem.meshes.sheets import polygon_mesh
 from toros_fem.meshes.transfer import refine
+from toros_fem.meshes.triangles import edges_of, flat_areas
+
+TRIANGLE = np.array([[0.0, 0.0], [0.01, 0.0], [0.0, 0.01]])
 
 
 def test_diagonals_of_the_wall() -> None:
@@ -106,3 +115,61 @@ def test_the_filter_without_panels_takes_it(alone: MPI.Comm) -> None:
     skin = sew(alone, half_sphere(4))
     density = np.random.default_rng(0).random(len(skin.owned_cells))
     assert np.std(make_filter("helmholtz", skin, 6e-3).forward(density)) < 0.7 * np.std(density)
+
+
+@pytest.fixture
+def session() -> Generator[None]:
+    """Gmsh as another program has it open."""
+    gmsh.initialize(["-noenv"], readConfigFiles=False, interruptible=False)
+    yield
+    gmsh.finalize()
+
+
+def test_it_is_closed_where_it_was_not_open() -> None:
+    assert not gmsh.isInitialized()
+    polygon_mesh(TRIANGLE, 0.01)
+    assert not gmsh.isInitialized()
+
+
+def test_threads_wait_for_each_other() -> None:
+    edges = [2e-3, 1e-3, 5e-4, 2.5e-4]
+    with ThreadPoolExecutor(4) as pool:
+        meshes = list(pool.map(lambda edge: polygon_mesh(TRIANGLE, edge), edges))
+    for edge, (points, triangles) in zip(edges, meshes, strict=True):
+        alone = polygon_mesh(TRIANGLE, edge)
+        assert np.array_equal(points, alone[0])
+        assert np.array_equal(triangles, alone[1])
+
+
+@pytest.mark.usefixtures("session")
+def test_a_model_of_the_user_is_left_alone() -> None:
+    gmsh.model.add("mine")
+    polygon_mesh(TRIANGLE, 0.01)
+    assert gmsh.isInitialized()
+    assert gmsh.model.getCurrent() == "mine"
+    assert gmsh.model.list() == ["", "mine"]
+
+
+@pytest.mark.usefixtures("session")
+def test_options_of_the_user_are_left_alone() -> None:
+    own = {
+        "General.Terminal": 1, "Mesh.Algorithm": 5, "Mesh.RandomSeed": 3, "Mesh.MeshSizeMin": 2e-3,
+        "Mesh.MeshSizeMax": 0.5, "General.NumThreads": 2,
+    }  # fmt: skip
+    for name, value in own.items():
+        gmsh.option.setNumber(name, value)
+    polygon_mesh(TRIANGLE, 0.01)
+    assert {name: gmsh.option.getNumber(name) for name in own} == own
+
+
+def test_polygons_share_their_common_side() -> None:
+    corners = np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.02], [0.0, 0.02], [0.05, 0.01]])
+    flat, triangles = polygon_mesh(
+        corners, 6e-3, counts=[4, 3, 4, 3, 6], faces=[np.array([0, 1, 2, 3]), np.array([1, 4, 2])]
+    )
+    edges = edges_of(triangles)
+    assert flat_areas(flat[triangles]).min() > 0
+    assert flat_areas(flat[triangles]).sum() == pytest.approx(4e-4 + 3e-4, rel=1e-9)
+    middle = flat[edges.ends[edges.inner]].mean(axis=1)
+    assert np.count_nonzero(np.abs(middle[:, 0] - 0.02) < 1e-12) == 3, "edges on it, all inner"
+    assert len(np.unique(np.round(flat, 9), axis=0)) == len(flat)

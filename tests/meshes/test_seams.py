@@ -1,4 +1,6 @@
-"""Surfaces meshed anew keep their shape and what is named on them, and tell how far they are."""
+"""Surfaces meshed anew, and seams."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
@@ -10,12 +12,18 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.base.errors import SurfaceError
-from toros_fem.meshes import Surface, gmsh_model, remeshed
-from toros_fem.meshes.surfaces import remeshed as remeshed_module
-from toros_fem.meshes.surfaces.nearest import nearest
-from toros_fem.meshes.surfaces.planes import cut_at_planes
-from toros_fem.meshes.surfaces.surface import volume
-from toros_fem.meshes.triangles import edges_of, expected_triangles, lengths, shapes
+from toros_fem.meshes import Surface, panels, remeshed, seams
+from toros_fem.meshes.seams import cones, crease_regions, cut_open, disc_cuts, euler
+from toros_fem.meshes.surface import cut_at_planes, nearest, volume
+from toros_fem.meshes.triangles import (
+    edge_keys,
+    edges_of,
+    expected_triangles,
+    lengths,
+    normals,
+    shapes,
+    surface_components,
+)
 
 BOX = np.array([[x, y, z] for x in (0, 0.02) for y in (0, 0.03) for z in (0, 0.08)])
 SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -149,10 +157,10 @@ def test_another_surface_is_refused(
     """As if gmsh had left a triangle out, or made one twice."""
 
     def meshed(gmsh: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        points, triangles, ends = gmsh_model.meshed(gmsh)
+        points, triangles, ends = panels.meshed(gmsh)
         return points, change(triangles), ends
 
-    monkeypatch.setattr(remeshed_module, "meshed", meshed)
+    monkeypatch.setattr(seams, "meshed", meshed)
     with pytest.raises(SurfaceError, match=message):
         remeshed(alone, Surface(BOX, BOX_TRIANGLES), 4e-3)
 
@@ -180,3 +188,56 @@ def test_a_sharp_edge_stays(alone: MPI.Comm) -> None:
     if np.linalg.det(turn) < 0:
         triangles = triangles[:, ::-1]
     assert remeshed(alone, Surface(points, triangles), 4e-3).surface.closed
+
+
+@pytest.mark.parametrize(("make", "chi"), [(surfaces.sphere, 2), (surfaces.torus, 0)])
+def test_closed_surfaces_are_cut_to_discs(make: Callable[[], Surface], chi: int) -> None:
+    surface = make()
+    assert euler(surface.triangles) == chi
+    edges = edges_of(surface.triangles)
+    seams = np.zeros(len(edges.ends), dtype=bool)
+    seams[disc_cuts(surface.points, surface.triangles, tips=False)] = True
+    opened, _ = cut_open(surface.triangles, edges, seams)
+    assert surface_components(opened).max() == 0
+    assert euler(opened) == 1
+    border = edges_of(opened)
+    ends = border.ends[border.border]
+    assert np.bincount(ends.ravel()).max() == 2, "one loop"
+    if chi == 0:  # around the tube and around its inside: the shortest pair of loops
+        shortest = 24 * 2 * 0.013 * np.sin(np.pi / 24) + 12 * 2 * 0.007 * np.sin(np.pi / 12)
+        assert lengths(surface.points, edges.ends[seams]).sum() < 1.3 * shortest
+
+
+def test_a_single_edge_separates_nothing() -> None:
+    """An inner edge whose ends are inside stays whole; two in a row open a slit."""
+    tube = surfaces.prism(12, 5)
+    edges = edges_of(tube.triangles)
+    keys = edge_keys(edges.ends, len(tube.points))
+    for line, opened in (([24, 36], 0), ([24, 36, 48], 1), ([36, 48, 60], 2)):
+        seams = np.isin(keys, edge_keys(np.stack([line[:-1], line[1:]], axis=1), len(tube.points)))
+        triangles, sewn = cut_open(tube.triangles, edges, seams)
+        assert len(sewn) - len(tube.points) == opened
+        assert np.array_equal(sewn[triangles], tube.triangles)
+        assert surface_components(triangles).max() == 0
+
+
+def test_tips_are_vertices_with_most_of_the_curvature() -> None:
+    box = surfaces.welded_box(3)
+    found = cones(box.points, box.triangles, edges_of(box.triangles))
+    assert sorted(map(tuple, np.abs(box.points[found]))) == [(0.015, 0.01, 0.005)] * 8
+    ball = surfaces.sphere(2)
+    assert len(cones(ball.points, ball.triangles, edges_of(ball.triangles))) == 0
+    seams = disc_cuts(box.points, box.triangles, tips=True)
+    ends = edges_of(box.triangles).ends[seams]
+    assert np.isin(found, ends).all(), "cuts lead through all of them"
+
+
+def test_a_small_region_joins_the_neighbour_with_the_longest_border() -> None:
+    """A side of less than 1 % of the area of a flat box is no region of its own."""
+    points, triangles = surfaces.box(2, (0.03, 0.03, 1e-4))
+    places, number = np.unique(points.round(12), axis=0, return_inverse=True)
+    region = crease_regions(places, number.ravel()[triangles], np.radians(45))
+    assert np.unique(region).tolist() == [0, 1]
+    area = np.bincount(region, np.linalg.norm(normals(points, triangles), axis=1) / 2)
+    assert area.sum() == pytest.approx(2 * 9e-4 + 4 * 3e-6, rel=1e-12)
+    assert area.min() > 0.49 * area.sum()

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import PatternError
 from toros_fem.meshes import SYMMETRIES, Tile, tile
-from toros_fem.meshes.makers.tile import KINDS
+from toros_fem.meshes.tiles import KINDS
 from toros_fem.meshes.triangles import edge_keys
 
 SIZE = (0.03, 0.02)

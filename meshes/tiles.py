@@ -19,10 +19,9 @@ from toros_fem.base.validation import (
     require_positive,
 )
 from toros_fem.meshes.border_mesh import bordered
-from toros_fem.meshes.makers.flat import grid, polygon_mesh
-from toros_fem.meshes.makers.planar import without_bridges
-from toros_fem.meshes.makers.sheets import one_panel
+from toros_fem.meshes.outlines import without_bridges
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.sheets import grid, one_panel, polygon_mesh
 from toros_fem.meshes.triangles import coincident, require_affordable, require_fewer
 
 TILE = "tile"

@@ -17,8 +17,8 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.mechanics.contact.solids import rigid_mesh
 from toros_fem.meshes import from_mesh, moulded, read_surface
-from toros_fem.meshes.surfaces.formats import content_of
-from toros_fem.meshes.surfaces.surface import Surface, volume
+from toros_fem.meshes.formats import content_of
+from toros_fem.meshes.surface import Surface, volume
 
 BALL = surfaces.sphere(1)
 POINTS, TRIANGLES = BALL.points.round(6), BALL.triangles

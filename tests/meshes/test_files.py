@@ -20,11 +20,10 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.base.errors import ParameterError
-from toros_fem.meshes import bend, cylinder, from_mesh, read_surface, unwrap
-from toros_fem.meshes.surfaces import files
-from toros_fem.meshes.surfaces.files import load
-from toros_fem.meshes.surfaces.formats import content_of
-from toros_fem.meshes.surfaces.surface import volume
+from toros_fem.meshes import bend, cylinder, files, from_mesh, read_surface, unwrap
+from toros_fem.meshes.files import load
+from toros_fem.meshes.formats import content_of
+from toros_fem.meshes.surface import volume
 from toros_fem.meshes.triangles import edges_of
 
 FORMATS: dict[str, dict[str, Any]] = {

@@ -1,4 +1,4 @@
-"""Mesh files: surfaces in STL, OBJ, PLY, MSH, XDMF …, and target shapes made in other programs."""
+"""Files of meshes: surfaces in STL, OBJ, PLY, MSH, XDMF …, target shapes, patterns."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import io
 import logging
 import threading
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import ParameterError, SurfaceError, TorosError
+from toros_fem.base.archive import Archive, read_archive, write_archive
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import FileError, ParameterError, SurfaceError, TorosError
 from toros_fem.base.files import MOST_BYTES
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
@@ -27,18 +29,21 @@ from toros_fem.base.validation import (
     require_count,
     require_kind,
     require_positive,
+    shown,
 )
+from toros_fem.meshes.formats import NONE, Content, content_of
 from toros_fem.meshes.pattern import Pattern, require_indices
-from toros_fem.meshes.surfaces.formats import NONE, Content, content_of
-from toros_fem.meshes.surfaces.repair import (
+from toros_fem.meshes.surface import (
     DROPPED,
     KINDS,
     MERGED,
     REVERSED,
+    Surface,
+    oriented,
     remove_thin,
+    volume,
     weld,
 )
-from toros_fem.meshes.surfaces.surface import Surface, oriented, volume
 from toros_fem.meshes.triangles import (
     edge_keys,
     edges_of,
@@ -66,6 +71,10 @@ NEAR = 1e-5
 GAPS = (NEAR, 1e-4, 1e-3, 1e-2)
 # Corners that are apart by this fraction of the skin's size are different vertices.
 APART = 1e-5
+PATTERN_FILE, PATTERN_KIND = "pattern.npz", "pattern"
+PATTERN_ARRAYS = ("flat_points", "flat_triangles", "panel", "sewn", "points")
+PATTERN_NUMBERS = ("panel_names", "seam_tolerance", "moulded")
+PRINTED = "printed"
 
 
 def load(path: Path, failure: type[TorosError], formats: str) -> Content:
@@ -487,3 +496,73 @@ def from_copy(
             "the surface is torn. Export it so that the order is kept."
         )
     return np.asarray(target)
+
+
+# --------------------------------------------------------------------------------------- patterns
+
+
+def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = None) -> None:
+    """Write a pattern as an archive, a file ending in .npz (one rank).
+
+    Its entries are the fields of `Pattern` by name, lengths in m, and "printed" where it is given:
+    whether each triangle is printed, (t,).
+
+    Raises:
+        FileError: The path does not end in .npz.
+    """
+    path = checked_path("path", path, FileError)
+    if path.suffix != ".npz":
+        raise FileError(f"path = {shown(str(path))} must end in .npz.")
+    require_kind("pattern", pattern, Pattern, "a Pattern")
+    write_archive(
+        path, archive_of(PATTERN_KIND, pattern, {} if printed is None else {PRINTED: printed})
+    )
+
+
+@on_root
+def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
+    """Read the pattern that `write_pattern` wrote, the same on all ranks (collective).
+
+    Raises:
+        FileError: There is no such file, it is damaged, of another kind or format, or holds
+            no valid pattern.
+    """
+    place = checked_path("path", path, FileError)
+    remedy = f"Give a {PATTERN_FILE} of `toros unwrap`."
+    return read_archive(place, PATTERN_KIND, pattern_of, FileError, remedy)
+
+
+@on_root
+def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
+    """Read a pattern of a design and which of its triangles are printed, (t,) (collective).
+
+    Raises:
+        FileError: As for `read_pattern`, or the file does not say what is printed.
+    """
+    place = checked_path("path", path, FileError)
+    remedy = f"Give the {PATTERN_FILE} of a design."
+
+    def make(archive: Archive) -> tuple[Pattern, Bools]:
+        pattern, printed = pattern_of(archive), archive.arrays.get(PRINTED)
+        if printed is None or printed.dtype != bool or printed.shape != pattern.panel.shape:
+            raise FileError("it does not say which triangles are printed")
+        return pattern, printed
+
+    return read_archive(place, PATTERN_KIND, make, FileError, remedy)
+
+
+def archive_of(
+    kind: str, pattern: Pattern, arrays: Mapping[str, Any], numbers: Mapping[str, Any] | None = None
+) -> Archive:
+    """Return an archive of a pattern and of what belongs to it."""
+    own = {name: getattr(pattern, name) for name in PATTERN_ARRAYS}
+    more = {name: getattr(pattern, name) for name in PATTERN_NUMBERS}
+    given = {name: np.asarray(array) for name, array in arrays.items()}
+    return Archive(kind, {**own, **given}, {**more, **(numbers or {})})
+
+
+def pattern_of(archive: Archive) -> Pattern:
+    """Return the pattern in an archive; any error where there is none."""
+    arrays = {name: archive.arrays[name] for name in PATTERN_ARRAYS}
+    names, tolerance, moulded = (archive.numbers[name] for name in PATTERN_NUMBERS)
+    return Pattern(**arrays, panel_names=tuple(names), seam_tolerance=tolerance, moulded=moulded)
