@@ -11,6 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+import numpy as np
+
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, PanelError, TorosError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import free_dropped, on_first_rank
@@ -66,6 +69,8 @@ AGAIN, AGAIN_IF_OPEN = 0.5, 0.25
 # Where coarser meshes leave the verdict open, one with edges so many times shorter tells the
 # figures, if it has at most so many triangles.
 FINER, MOST = 2.0, 100_000
+# A skin is flat if its thickness at rest is less than this part of its width.
+FLAT = 0.1
 
 
 class Attempt(NamedTuple):
@@ -225,6 +230,12 @@ def other_ways(
     yield "softer constraints", (replace(first, stages=(*free, softer)), *finer), seed
     yield "a sharper projection first", (replace(first, stages=(*free, *sharper)), *finer), seed
     yield "another seed", tuple(options), seed + ANOTHER_SEED
+
+
+def _is_flat(points: Floats) -> bool:
+    """Return whether vertices, (n, 3), lie almost in a plane, as those of two flat panels."""
+    _, width, thickness = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(thickness < FLAT * width)
 
 
 def problem_of(result: DesignResult) -> ShapeDesign:
@@ -535,7 +546,8 @@ class Designer(DensityDesigner):
     def _told(self, found: SkinDesign) -> SkinDesign:
         """Return a result with errors, and with the figures of a finer mesh if there is one.
 
-        That mesh is asked for, or it is tried where its own meshes leave the verdict open.
+        That mesh is asked for, or it is tried where its own meshes leave the verdict open, and for
+        skins that are flat at rest: coarser meshes of these may agree with each other and be wrong.
         """
         made, level = found.printed.evaluation, self.scene.level_of_print
         if made is None:
@@ -544,9 +556,9 @@ class Designer(DensityDesigner):
         errors = coarser._errors(found)
         found, finer = found.with_errors(errors), self.scene.checked(level)
         if finer is None:
-            count = FINER**2 * len(made.problem.skin.pattern.panel)
+            pattern = made.problem.skin.pattern
             told = errors.failure is None and overall(found.figures) is not State.NOT_CERTAIN
-            if told or count > MOST:
+            if (told and not _is_flat(pattern.points)) or FINER**2 * len(pattern.panel) > MOST:
                 return found
             finer = self.scene.finer(level, FINER)
         self._check()
