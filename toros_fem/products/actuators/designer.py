@@ -11,9 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-import numpy as np
-
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, PanelError, TorosError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import free_dropped, on_first_rank
@@ -23,7 +20,7 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.making.print.as_printed import PrintedDesign, as_printed, patterns_without_islands
 from toros_fem.making.print.printability import PRINT, printed_fractions, read_print_polygons
 from toros_fem.making.print.regions import print_on
@@ -69,8 +66,6 @@ AGAIN, AGAIN_IF_OPEN = 0.5, 0.25
 # Where coarser meshes leave the verdict open, one with edges so many times shorter tells the
 # figures, if it has at most so many triangles.
 FINER, MOST = 2.0, 100_000
-# A skin is flat if its thickness at rest is less than this part of its width.
-FLAT = 0.1
 
 
 class Attempt(NamedTuple):
@@ -230,12 +225,6 @@ def other_ways(
     yield "softer constraints", (replace(first, stages=(*free, softer)), *finer), seed
     yield "a sharper projection first", (replace(first, stages=(*free, *sharper)), *finer), seed
     yield "another seed", tuple(options), seed + ANOTHER_SEED
-
-
-def _is_flat(points: Floats) -> bool:
-    """Return whether vertices, (n, 3), lie almost in a plane, as those of two flat panels."""
-    _, width, thickness = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(thickness < FLAT * width)
 
 
 def problem_of(result: DesignResult) -> ShapeDesign:
@@ -556,9 +545,11 @@ class Designer(DensityDesigner):
         errors = coarser._errors(found)
         found, finer = found.with_errors(errors), self.scene.checked(level)
         if finer is None:
-            pattern = made.problem.skin.pattern
+            problem = made.problem
+            assert isinstance(problem, ShapeProblem)
+            count = FINER**2 * len(problem.skin.pattern.panel)
             told = errors.failure is None and overall(found.figures) is not State.NOT_CERTAIN
-            if (told and not _is_flat(pattern.points)) or FINER**2 * len(pattern.panel) > MOST:
+            if count > MOST or (told and not problem.flat_at_rest):
                 return found
             finer = self.scene.finer(level, FINER)
         self._check()
