@@ -12,6 +12,7 @@ from toros_fem.measures.figures import State, overall
 from toros_fem.products.actuators import designer
 from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.walker.walker import WalkerScene
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 
@@ -56,6 +57,19 @@ def test_a_finer_mesh_narrows_the_interval(
     monkeypatch.undo()
     sure = coarse.updated(tolerance=0.5, shape_tolerance=0.5, direction_tolerance=30.0)
     assert words not in sure.run_design(alone, tmp_path / "sure").sentence()
+
+
+def test_a_flat_skin_is_always_asked_on_a_finer_mesh(alone: MPI.Comm, tmp_path: Path) -> None:
+    """Though coarser meshes are sure of the verdict."""
+    scene = WalkerScene.of(
+        edge_length=3.6e-3, filter_radius=5.5e-3, iterations=1, constrained_iterations=1,
+        polish_iterations=0, corrections=0, gait_steps=None, tolerance=1.0, shape_tolerance=1.0,
+        direction_tolerance=90.0, curve_pressure=None,
+    )  # fmt: skip
+    made = scene.run_design(alone, tmp_path)
+    assert made.errors is not None
+    assert 0.5 in made.errors.found
+    assert "figures of a mesh with edges of 1/2 the length" in made.sentence()
 
 
 def test_a_design_goes_on_towards_what_it_misses_on_a_finer_mesh(

@@ -20,7 +20,7 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.making.print.as_printed import PrintedDesign, as_printed, patterns_without_islands
 from toros_fem.making.print.printability import PRINT, printed_fractions, read_print_polygons
 from toros_fem.making.print.regions import print_on
@@ -535,7 +535,8 @@ class Designer(DensityDesigner):
     def _told(self, found: SkinDesign) -> SkinDesign:
         """Return a result with errors, and with the figures of a finer mesh if there is one.
 
-        That mesh is asked for, or it is tried where its own meshes leave the verdict open.
+        That mesh is asked for, or it is tried where its own meshes leave the verdict open, and for
+        skins that are flat at rest: coarser meshes of these may agree with each other and be wrong.
         """
         made, level = found.printed.evaluation, self.scene.level_of_print
         if made is None:
@@ -544,9 +545,11 @@ class Designer(DensityDesigner):
         errors = coarser._errors(found)
         found, finer = found.with_errors(errors), self.scene.checked(level)
         if finer is None:
-            count = FINER**2 * len(made.problem.skin.pattern.panel)
+            problem = made.problem
+            assert isinstance(problem, ShapeProblem)
+            count = FINER**2 * len(problem.skin.pattern.panel)
             told = errors.failure is None and overall(found.figures) is not State.NOT_CERTAIN
-            if told or count > MOST:
+            if count > MOST or (told and not problem.flat_at_rest):
                 return found
             finer = self.scene.finer(level, FINER)
         self._check()
