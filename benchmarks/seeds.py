@@ -28,8 +28,8 @@ from mpi4py import MPI
 
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from benchmarks.figures import figure_of, figure_rows, state_in
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.validation import Floats
 from toros_fem.cli.scene_files import read_scene
 from toros_fem.design.loop.case import Case as ShapeCase
 from toros_fem.measures.cross_sections import Rod

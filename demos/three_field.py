@@ -26,9 +26,9 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, if_plotting, write_json
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import Pattern, bend
 from toros_fem.products.actuators.scene import Level

@@ -34,8 +34,8 @@ from benchmarks.figures import DEMOS, folder_of
 from benchmarks.measured.command import COMPARED
 from benchmarks.measured.compared import Compared, by_curve, place
 from benchmarks.scale import STEP, growth
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError
+from toros_fem.base.validation import Floats
 from toros_fem.cli.commands.main import run
 from toros_fem.forms.lines import fabric_factor
 from toros_fem.materials.sheet import Bending, Composite

@@ -12,10 +12,9 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_root
-from toros_fem.base.validation import require_positive
+from toros_fem.base.validation import Bools, Floats, Ints, require_positive
 from toros_fem.meshes.panels import (
     faces_mesh,
     located,

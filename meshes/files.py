@@ -16,13 +16,14 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from toros_fem.base.archive import Archive, read_archive, write_archive
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import FileError, ParameterError, SurfaceError, TorosError
-from toros_fem.base.files import MOST_BYTES
+from toros_fem.base.files import MOST_BYTES, Archive, read_archive, write_archive
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     LONGEST_NAME,
+    Bools,
+    Floats,
+    Ints,
     checked_floats,
     checked_path,
     real_numbers,

@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.validation import Floats, Ints
 
 # Names of the cell data that hold the part of each triangle; the first one found counts.
 PARTS = ("gmsh:physical", "gmsh:geometrical", "obj:group_ids", "medit:ref", "cell_tags", "part")

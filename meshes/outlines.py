@@ -18,10 +18,12 @@ from scipy.spatial import cKDTree
 from shapely.geometry import LineString, Polygon, box
 from shapely.geometry.polygon import orient
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import OutlineError
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
+    Bools,
+    Floats,
+    Ints,
     checked_axes,
     checked_floats,
     checked_list,

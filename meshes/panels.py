@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import (
     barycentric,

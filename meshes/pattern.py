@@ -15,9 +15,11 @@ from scipy.sparse import csr_array, eye_array
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PanelError, ParameterError, PatternError, TorosError
 from toros_fem.base.validation import (
+    Bools,
+    Floats,
+    Ints,
     checked_axes,
     checked_floats,
     checked_names,

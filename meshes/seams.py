@@ -10,10 +10,9 @@ from scipy.cluster.hierarchy import DisjointSet
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra, maximum_flow, minimum_spanning_tree
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import SurfaceError, TorosError
 from toros_fem.base.mpi import on_root
-from toros_fem.base.validation import require_kind, require_positive
+from toros_fem.base.validation import Bools, Floats, Ints, require_kind, require_positive
 from toros_fem.meshes.panels import gmsh_model, meshed
 from toros_fem.meshes.surface import Nearest, Surface, nearest, oriented
 from toros_fem.meshes.triangles import (

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
+    Floats,
+    Ints,
     checked_names,
     require_callable,
     require_choice,

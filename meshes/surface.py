@@ -10,9 +10,8 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array
 from scipy.spatial import cKDTree
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import PatternError, SurfaceError
-from toros_fem.base.validation import checked_names
+from toros_fem.base.validation import Floats, Ints, checked_names
 from toros_fem.meshes.pattern import (
     FLAT,
     Pattern,

@@ -9,10 +9,12 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
+    Bools,
+    Floats,
+    Ints,
     checked_floats,
     require_choice,
     require_count,

@@ -15,10 +15,16 @@ from scipy.sparse import coo_array, csc_array, csr_array, eye_array
 from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import SurfaceError
 from toros_fem.base.mpi import on_root
-from toros_fem.base.validation import require_choice, require_kind, require_positive
+from toros_fem.base.validation import (
+    Bools,
+    Floats,
+    Ints,
+    require_choice,
+    require_kind,
+    require_positive,
+)
 from toros_fem.meshes.panels import arranged
 from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Pattern, checked_array, require_indices
 from toros_fem.meshes.seams import cones, crease_regions, cut_open, disc_cuts, euler, halves

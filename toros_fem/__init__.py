@@ -13,8 +13,8 @@ import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from toros_fem.base.packages import __version__ as __version__
 from toros_fem.base.packages import late_names
-from toros_fem.base.versions import __version__ as __version__
 
 # FEniCSx from wheels finds its MPI only if this comes before dolfinx and petsc4py.
 with contextlib.suppress(ImportError, RuntimeError):  # dolfinx then tells it too

@@ -20,7 +20,7 @@ from mpi4py import MPI
 import toros_fem as tf
 from contracts.refusals import INF, NAN, Scene, Table, each
 from toros_fem import meshes as m
-from toros_fem.base.units import read_quantity
+from toros_fem.base.keys import read_quantity
 from toros_fem.base.validation import require_between, require_count, require_positive
 from toros_fem.measures.between_regions import bend_between, length_between, twist_between
 from toros_fem.meshes.files import PATTERN_FILE

@@ -24,11 +24,10 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from toros_fem.base import errors
-from toros_fem.base.archive import HEADER, Archive, read_archive, write_archive
 from toros_fem.base.errors import TorosError
-from toros_fem.base.files import reason
+from toros_fem.base.files import HEADER, Archive, read_archive, reason, write_archive
+from toros_fem.base.keys import DIMENSIONS, read_quantity, write_quantity
 from toros_fem.base.scene import Scene
-from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
 from toros_fem.cli.scene_files import read_scene, scene_text
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.marks import Label

@@ -21,7 +21,7 @@ from toros_fem.base.errors import CheckpointError, FileError, ParameterError, To
 from toros_fem.base.files import guarded, if_plotting, require_unused, write_table
 from toros_fem.base.keys import Key, nearest, plain_value
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.program import program
+from toros_fem.base.packages import program
 from toros_fem.cli.command import Answer
 from toros_fem.cli.process import UsageError
 from toros_fem.cli.scene_files import QUICK, SceneFile, keys_of, read_scene, scene_text

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.mpi import sum_over_ranks
+from toros_fem.base.validation import Floats, Ints
 from toros_fem.measures.rotation import polar_rotation, require_determined
 from toros_fem.measures.shape import (
     Nodes,

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import checked_floats, require_kind, shown, vector
+from toros_fem.base.validation import Bools, Floats, checked_floats, require_kind, shown, vector
 from toros_fem.measures.metrics import swing_free
 from toros_fem.measures.rotation import DETERMINED, axial, polar_rotation
 from toros_fem.meshes.pattern import Pattern

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import Floats, Ints
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
 from toros_fem.measures.metrics import Metric, turn_about, turn_angle
 from toros_fem.meshes.pattern import Pattern

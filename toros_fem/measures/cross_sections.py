@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import sum_over_ranks
 from toros_fem.base.validation import (
+    Floats,
+    Ints,
     real_numbers,
     require_count,
     require_kind,

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.mpi import dot
 from toros_fem.base.validation import (
+    Bools,
+    Floats,
     checked_floats,
     require_choice,
     require_positive,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import (
     CrossSectionObjective,

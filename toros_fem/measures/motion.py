@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, largest, sum_over_ranks
+from toros_fem.base.validation import Floats
 from toros_fem.measures.shape import Objective
 from toros_fem.meshes.skin import Skin
 

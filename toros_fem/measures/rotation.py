@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import Floats
 
 # Smallest over largest eigenvalue of B: below this the rotation is not determined.
 DETERMINED = 1e-6

@@ -9,10 +9,9 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, sum_over_ranks
-from toros_fem.base.validation import checked_floats, real_numbers, shown
+from toros_fem.base.validation import Floats, Ints, checked_floats, real_numbers, shown
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import OtherMesh
 

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.base.files import guarded, write_json
 from toros_fem.base.keys import Table
+from toros_fem.base.packages import versions
 from toros_fem.base.scene import Scene
-from toros_fem.base.validation import require_kind
-from toros_fem.base.versions import versions
+from toros_fem.base.validation import Floats, require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import LOST, Iteration, growth_of_miss
 from toros_fem.design.loop.shape_design import ShapeProblem

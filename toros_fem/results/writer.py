@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.files import guarded, if_plotting, naming, replacing, write_table
 from toros_fem.base.keys import Table
 from toros_fem.base.scene import Scene
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Floats, require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.shape_design import ShapeProblem

@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem import errors
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem, carried_along
 from toros_fem.measures.metrics import bend_angle, shortening

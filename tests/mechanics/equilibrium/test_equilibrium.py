@@ -10,7 +10,7 @@ from helpers.standing import model_on_base, solver_on_base
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium import equilibrium
 from toros_fem.mechanics.equilibrium.equilibrium import (

@@ -17,7 +17,7 @@ from helpers.surfaces import sphere
 from mpi4py import MPI
 from shapely import Polygon
 
-from toros_fem.base.array_types import Bools
+from toros_fem.base.validation import Bools
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.materials.sheet import Bending, Composite, Material

@@ -16,11 +16,7 @@ from toros_fem.base.keys import Count, File, Flag, Text, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command import Answer, Command
 from toros_fem.cli.commands.doctor import memory_gib
-from toros_fem.cli.process import (
-    DONE,
-    NO_EQUILIBRIUM,
-    UsageError,
-)
+from toros_fem.cli.process import DONE, NO_EQUILIBRIUM, UsageError
 from toros_fem.measures.figures import formatted
 from toros_fem.mechanics.readings.bare_tube import tube_pressure, tube_strains
 from toros_fem.products.kinds import ABOUT
@@ -316,7 +312,7 @@ class Design(RunCommand, kw_only=True):
 
     def _finally(self, comm: MPI.Comm, scene: SceneFile) -> SceneFile:
         """Return the final variant of a scene, and tell its cost (collective)."""
-        from toros_fem.base.units import duration
+        from toros_fem.base.keys import duration
         from toros_fem.products.actuators.cost import expected_time
         from toros_fem.products.actuators.scene import ActuatorScene
         from toros_fem.results.reporter import print_line

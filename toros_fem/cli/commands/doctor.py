@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import Flag, key
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.versions import versions
+from toros_fem.base.packages import versions
 from toros_fem.cli.command import Answer, Command
 from toros_fem.cli.process import MISSING, lacking, lacking_to_compile
 

@@ -12,9 +12,9 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.rounding import rounded
+from toros_fem.base.mpi import rounded
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.design.lines.centre_lines import (
     BORDER,
     LINE,

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import checked_axes, require_kind
+from toros_fem.base.validation import Bools, Floats, Ints, checked_axes, require_kind
 from toros_fem.design.lines.centre_lines import (
     CentreLine,
     LinesOfFamily,

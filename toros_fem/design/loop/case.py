@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.design.loop.physics import Bounds, Pressure
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.alignment import MirroredObjective

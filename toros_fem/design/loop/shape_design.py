@@ -10,10 +10,11 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     NAMES,
+    Floats,
+    Ints,
     checked_axes,
     checked_floats,
     checked_list,

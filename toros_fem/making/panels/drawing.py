@@ -21,11 +21,11 @@ from mpi4py import MPI
 from shapely.geometry import shape
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import FileError, ParameterError, TorosError
 from toros_fem.base.files import naming, replace_file
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.packages import required
+from toros_fem.base.validation import Floats
 from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.meshes.panels import Affine
 from toros_fem.meshes.pattern import Pattern

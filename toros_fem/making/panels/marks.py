@@ -10,8 +10,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Floats, Ints, require_kind
 from toros_fem.meshes.panels import Affine
 from toros_fem.meshes.pattern import Pattern
 

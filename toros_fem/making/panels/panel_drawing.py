@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.files import replace_file
+from toros_fem.base.validation import Floats
 from toros_fem.making.options import ALL, DEFAULT, INSIDE, ManufactureOptions
 from toros_fem.making.panels.marks import (
     CLEAR,

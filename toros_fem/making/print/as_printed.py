@@ -12,10 +12,9 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError, PatternError
 from toros_fem.base.mpi import on_first_rank, total
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Bools, Floats, require_kind
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.journal import Journal, kept_evaluation
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize

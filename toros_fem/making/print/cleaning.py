@@ -12,9 +12,8 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import is_number, shown
+from toros_fem.base.validation import Bools, Floats, is_number, shown
 from toros_fem.making.print.contours import (
     QUARTER,
     TOUCHING,

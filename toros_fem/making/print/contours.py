@@ -10,7 +10,7 @@ import shapely
 from scipy.ndimage import gaussian_filter1d
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.validation import Floats, Ints
 from toros_fem.meshes.panels import polygons_of, runs_of_ring
 from toros_fem.meshes.pattern import Pattern
 

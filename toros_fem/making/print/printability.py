@@ -12,11 +12,11 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.archive import Archive, read_archive, write_archive
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import FileError
+from toros_fem.base.files import Archive, read_archive, write_archive
 from toros_fem.base.keys import Area, Length, Table, key
 from toros_fem.base.mpi import on_root
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.making.print.regions import BEYOND, beyond_seams, packed_regions, regions_of
 from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.files import archive_of, pattern_of

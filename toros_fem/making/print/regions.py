@@ -8,8 +8,8 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.archive import Archive
 from toros_fem.base.errors import FileError
+from toros_fem.base.files import Archive
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import straight_joints
 from toros_fem.design.loop.case import Case

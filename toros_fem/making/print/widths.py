@@ -12,8 +12,8 @@ import shapely
 from scipy.spatial import Delaunay, cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.making.print.contours import TOUCHING, fabric_of
 from toros_fem.meshes.triangles import cross, linked
 

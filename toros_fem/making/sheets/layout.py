@@ -15,9 +15,9 @@ from shapely.affinity import translate
 from shapely.geometry import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutlineError, TorosError
 from toros_fem.base.packages import required
+from toros_fem.base.validation import Floats
 from toros_fem.making.options import DEFAULT, ManufactureOptions
 from toros_fem.making.panels.marks import CLEAR, HEIGHT, Label, SewnSeam, ruler, sewn_seams
 from toros_fem.making.panels.panel_drawing import (

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from toros_fem.base.packages import required, template
-from toros_fem.base.versions import versions
+from toros_fem.base.packages import required, template, versions
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.marks import Label, SewnSeam, notch_arcs
 from toros_fem.making.panels.panel_drawing import PanelDrawing, Svg

@@ -19,10 +19,10 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import FileError
 from toros_fem.base.files import read_json, replacing, write_json
 from toros_fem.base.packages import required
+from toros_fem.base.validation import Floats, Ints
 from toros_fem.making.options import DEFAULT, OUTLINES, R12, ManufactureOptions
 from toros_fem.making.panels.marks import Label, cross_shapes
 from toros_fem.making.panels.panel_drawing import Layer, PanelDrawing, Svg, open_line

@@ -22,10 +22,11 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array, csr_array, hstack
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError, SurfaceError
 from toros_fem.base.packages import required
 from toros_fem.base.validation import (
+    Floats,
+    Ints,
     checked_floats,
     checked_names,
     require_flag,

@@ -10,10 +10,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import largest, norm, on_first_rank, together
-from toros_fem.base.validation import real_numbers
+from toros_fem.base.validation import Bools, Floats, real_numbers
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import (
     FOLDED,

@@ -14,10 +14,12 @@ from dolfinx import la
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.compiled_forms import work_vector
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.fenicsx import work_vector
 from toros_fem.base.validation import (
+    Bools,
+    Floats,
+    Ints,
     checked_bools,
     checked_floats,
     require_callable,

@@ -11,10 +11,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     NAMES,
+    Bools,
+    Floats,
+    Ints,
     checked_bools,
     checked_floats,
     checked_list,

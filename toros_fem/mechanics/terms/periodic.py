@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, override
 import numpy as np
 from dolfinx import fem
 
-from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.validation import Bools, Floats, Ints, LocalInts
 from toros_fem.mechanics.skin.load import UNSTRETCHED, Load
 from toros_fem.mechanics.skin.patch_space import (
     Patch,

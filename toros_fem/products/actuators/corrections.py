@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import free_dropped, on_first_rank
-from toros_fem.base.rounding import rounded
-from toros_fem.base.validation import require_callable, require_count, require_kind
+from toros_fem.base.mpi import free_dropped, on_first_rank, rounded
+from toros_fem.base.validation import Floats, require_callable, require_count, require_kind
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError, PatternError, TorosError
 from toros_fem.base.mpi import free_dropped
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Floats, require_kind
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback

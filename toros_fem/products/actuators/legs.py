@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.keys import Count, Factor, key
+from toros_fem.base.validation import Floats, Ints
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections, section_vertices
 from toros_fem.measures.metrics import Metric, turn_angle
 from toros_fem.mechanics.skin.supports import Supports, symmetry_planes

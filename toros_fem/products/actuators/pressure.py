@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.files import guarded, write_table
 from toros_fem.base.mpi import largest
-from toros_fem.base.validation import require_between, require_kind
+from toros_fem.base.validation import Floats, require_between, require_kind
 from toros_fem.design.loop.miss import worst_figure
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.validation import Floats
 from toros_fem.design.lines.laid_lines import (
     LaidLines,
     LineChange,

@@ -10,9 +10,9 @@ from typing import ClassVar, Self
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
+from toros_fem.base.validation import Floats
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case

@@ -14,9 +14,9 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, PanelError, ParameterError
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
 from toros_fem.making.panels.drawing import is_drawing, read_drawing
 from toros_fem.making.print.printability import PRINT, read_print_polygons

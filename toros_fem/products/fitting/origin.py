@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import FileError
+from toros_fem.base.validation import Floats, Ints
 from toros_fem.products.fitting.samples import FEWEST, TensileTest, correlation
 from toros_fem.products.fitting.uniaxial import (
     LARGEST_POISSON,

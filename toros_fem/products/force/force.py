@@ -17,15 +17,10 @@ from mpi4py import MPI
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import (
-    PanelError,
-    ParameterError,
-    TorosError,
-)
+from toros_fem.base.errors import PanelError, ParameterError, TorosError
 from toros_fem.base.files import guarded, if_plotting, write_json, write_table
 from toros_fem.base.mpi import free_dropped
-from toros_fem.base.validation import unit_vector, vector
+from toros_fem.base.validation import Floats, unit_vector, vector
 from toros_fem.design.loop.case import Case
 from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.making.print.regions import case_of_print
@@ -36,13 +31,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.rigid_panels import panel_stiffness, solve_rigid, wrench
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import (
-    Planes,
-    Supports,
-    centre_of,
-    clamp,
-    rigid_displacement,
-)
+from toros_fem.mechanics.skin.supports import Planes, Supports, centre_of, clamp, rigid_displacement
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.estimates import SAFETY

@@ -20,9 +20,9 @@ from typing import Annotated, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Distance, Factor, In, Length, OneOf, Positive, Table, Text, key
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign

@@ -13,10 +13,9 @@ from typing import Annotated, Any, NoReturn, Self
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import OneOf, Real, Table, Text, key
-from toros_fem.base.units import DIMENSIONS
+from toros_fem.base.keys import DIMENSIONS, OneOf, Real, Table, Text, key
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.measures.between_regions import (
     bend_between,
     length_between,

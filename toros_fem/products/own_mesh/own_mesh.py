@@ -12,10 +12,10 @@ import numpy as np
 from mpi4py import MPI
 from pydantic import InstanceOf
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, PatternError, SurfaceError
 from toros_fem.base.keys import Count, Distance, In, Length, OneOf, Place, Table, Text, key
 from toros_fem.base.scene import NO_TABLE
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
 from toros_fem.measures.metrics import Metric, distance

@@ -7,7 +7,6 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from toros_fem.base.array_types import Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import (
     Angle,
@@ -27,6 +26,7 @@ from toros_fem.base.keys import (
     Table,
     key,
 )
+from toros_fem.base.validation import Ints
 from toros_fem.materials.sheet import (
     CURVATURES,
     PRINT_SIDES,

@@ -11,7 +11,7 @@ import shapely
 from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.making.print.cleaning import Panels
 from toros_fem.making.print.printability import PanelRegion, PrintLimits
 from toros_fem.making.print.regions import with_more

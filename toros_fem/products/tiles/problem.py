@@ -12,11 +12,11 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError, PatternError
 from toros_fem.base.keys import Count, Flag, In, Number, Positive, Table, key
 from toros_fem.base.mpi import together
 from toros_fem.base.scene import Scene
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.design.density.filters import group_mean, make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter

@@ -14,12 +14,18 @@ from mpi4py import MPI
 from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.archive import Archive, read_archive, write_archive
-from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import FileError, ParameterError
-from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
+from toros_fem.base.files import (
+    Archive,
+    guarded,
+    if_plotting,
+    if_possible,
+    read_archive,
+    write_archive,
+    write_table,
+)
 from toros_fem.base.mpi import on_root
-from toros_fem.base.validation import checked_path, require_kind, require_positive, shown
+from toros_fem.base.validation import Bools, checked_path, require_kind, require_positive, shown
 from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.making.print.regions import packed_regions, regions_of

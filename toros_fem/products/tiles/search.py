@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.fields import CarriedDesign
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.levels import correct, gathered

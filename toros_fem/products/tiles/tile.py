@@ -21,9 +21,9 @@ from typing import Annotated, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
+from toros_fem.base.validation import Floats
 from toros_fem.meshes.tiles import KINDS
 from toros_fem.meshes.triangles import require_affordable
 from toros_fem.products.actuators.cost import Cost

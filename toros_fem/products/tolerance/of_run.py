@@ -10,10 +10,10 @@ from textwrap import fill
 
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import FileError, NoEquilibriumError
 from toros_fem.base.files import guarded, if_plotting, write_json, write_table
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.validation import Floats
 from toros_fem.making.print.printability import read_print_polygons
 from toros_fem.making.print.regions import case_of_print
 from toros_fem.meshes.files import PATTERN_FILE, read_pattern

@@ -12,10 +12,9 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Floats, Ints, require_kind
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, carried_along
 from toros_fem.making.print.as_printed import PrintedDesign

@@ -11,10 +11,10 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import In, Modulus, Table, key
 from toros_fem.base.scene import Scene
+from toros_fem.base.validation import Floats
 from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Metric, shortening, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.keys import Flag, Length, OneOf, Table, key
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Bending
 from toros_fem.measures.cross_sections import label_cross_sections

@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.files import guarded, if_plotting, write_table
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.layers import ContactSizes, opened
 from toros_fem.mechanics.paths.trace_point import TracePoint

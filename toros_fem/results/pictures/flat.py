@@ -16,7 +16,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.design.lines.field import LineField
 from toros_fem.making.panels.marks import sewn_seams
 from toros_fem.making.print.printability import Printability, PrintLimits

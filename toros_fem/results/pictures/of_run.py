@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure as MplFigure
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.making.print.printability import PRINT as PRINT_FILE
 from toros_fem.making.print.printability import printability, read_print_polygons
 from toros_fem.measures.figures import Figure, formatted

@@ -9,8 +9,8 @@ import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from toros_fem.base import compiled_forms
-from toros_fem.base.compiled_forms import LOCK, SharedForms, compiled
+from toros_fem.base import fenicsx
+from toros_fem.base.fenicsx import LOCK, SharedForms, compiled
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def area(alone: MPI.Comm) -> ufl.Form:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(compiled_forms, "form_cache", lambda: tmp_path)
+    monkeypatch.setattr(fenicsx, "form_cache", lambda: tmp_path)
     return tmp_path
 
 
@@ -45,7 +45,7 @@ def test_a_killed_compilation_is_made_good(area: ufl.Form, folder: Path) -> None
 @pytest.mark.parametrize("damage", ["gone", "cut", "empty"])
 def test_a_damaged_module_is_compiled_again(area: ufl.Form, folder: Path, damage: str) -> None:
     assert fem.assemble_scalar(compiled(area)) == pytest.approx(3.0)
-    compiled_forms._WHOLE.clear()
+    fenicsx._WHOLE.clear()
     (module,) = folder.glob("*.so")
     content = module.read_bytes()
     module.unlink()  # it stays loaded here
@@ -70,10 +70,10 @@ def test_what_another_process_compiles_stays(area: ufl.Form, folder: Path) -> No
     source = killed(folder)
     other = os.open(folder / LOCK, os.O_RDWR)
     fcntl.flock(other, fcntl.LOCK_SH)
-    with compiled_forms._compiling(folder):
+    with fenicsx._compiling(folder):
         assert source.exists()
     os.close(other)
-    with compiled_forms._compiling(folder):
+    with fenicsx._compiling(folder):
         assert not source.exists()
 
 
@@ -81,9 +81,9 @@ def test_the_cache_tells_compilers_apart(monkeypatch: pytest.MonkeyPatch) -> Non
     folders = []
     for name in ("cc", "no-such-compiler"):
         monkeypatch.setenv("CC", name)
-        compiled_forms.form_cache.cache_clear()
-        folders.append(compiled_forms.form_cache())
-    compiled_forms.form_cache.cache_clear()
+        fenicsx.form_cache.cache_clear()
+        folders.append(fenicsx.form_cache())
+    fenicsx.form_cache.cache_clear()
     assert len(set(folders)) == 2
     assert len({folder.parent for folder in folders}) == 1
 
@@ -92,7 +92,7 @@ def test_a_folder_that_cannot_be_made_is_told(
     area: ufl.Form, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").touch()
-    monkeypatch.setattr(compiled_forms, "form_cache", lambda: tmp_path / "file" / "cache")
+    monkeypatch.setattr(fenicsx, "form_cache", lambda: tmp_path / "file" / "cache")
     with pytest.raises(OSError, match="cache"):
         compiled(area)
 

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from toros_fem.base.program import VARIABLE, program
+from toros_fem.base.packages import VARIABLE, program
 
 
 def test_the_command_that_works_here(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.errors import OutputError
+from toros_fem.base.files import Archive, read_archive, write_archive
 
 
 def read(path: Path) -> Archive:
