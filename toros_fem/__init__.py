@@ -1,7 +1,7 @@
 """Design of robotic skins: printed patterns that make an inflated fabric bend, twist or grip.
 
 The public names are those of `toros_fem.public`. Other names are imported from the module that
-defines them, such as `toros_fem.measures.gap`. All quantities are in SI units.
+defines them, such as `toros_fem.measures.regions`. All quantities are in SI units.
 
 The first public name loads them all, with dolfinx and PETSc. Under MPI all ranks take it together,
 since PETSc starts on all of them.

@@ -15,13 +15,9 @@ from toros_fem.design.relaxed.find import RelaxedOptions, find_lines
 from toros_fem.making.print.as_printed import as_printed, printed_lines
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
-from toros_fem.measures.between_regions import (
-    bend_between,
-    length_between,
-    twist_between,
-)
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric, bend_angle, length_ratio, swelling, twist_angle
+from toros_fem.measures.regions import bend_between, length_between, twist_between
 from toros_fem.measures.shape import ShapePart
 from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.contact import Contact

@@ -22,7 +22,7 @@ from contracts.refusals import INF, NAN, Scene, Table, each
 from toros_fem import meshes as m
 from toros_fem.base.keys import read_quantity
 from toros_fem.base.validation import require_between, require_count, require_positive
-from toros_fem.measures.between_regions import bend_between, length_between, twist_between
+from toros_fem.measures.regions import bend_between, length_between, twist_between
 from toros_fem.meshes.files import PATTERN_FILE
 from toros_fem.meshes.seams import remeshed
 from toros_fem.meshes.surface import oriented

@@ -31,8 +31,7 @@ from toros_fem.making.print.as_printed import polished
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.materials.library.files import named, read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
-from toros_fem.measures.between_regions import tip_frame
-from toros_fem.measures.gap import Body
+from toros_fem.measures.regions import Body, tip_frame
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions

@@ -44,9 +44,9 @@ from toros_fem.design.relaxed.problem import (
     smoothing,
 )
 from toros_fem.materials.sheet import Composite
-from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective
-from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.miss import AlignedObjective, MirroredObjective
+from toros_fem.measures.regions import Body, GapObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
 from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere

@@ -18,8 +18,13 @@ from toros_fem.base.validation import (
     require_kind,
     whole_numbers,
 )
-from toros_fem.measures.rotation import axial, polar_rotation, require_determined
-from toros_fem.measures.shape import Nodes, checked_target
+from toros_fem.measures.shape import (
+    Nodes,
+    axial,
+    checked_target,
+    polar_rotation,
+    require_determined,
+)
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import OtherMesh
 

@@ -24,7 +24,7 @@ from toros_fem.base.validation import (
 )
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
 from toros_fem.measures.figures import TOLERANCE, Figure, formatted, unit_of
-from toros_fem.measures.rotation import axial, best_rotation, polar_rotation
+from toros_fem.measures.shape import axial, best_rotation, polar_rotation
 from toros_fem.meshes.pattern import Pattern, mirrored
 
 # Columns of the history and entries of the summary that a metric's key could hide.

@@ -19,7 +19,7 @@ from toros_fem.measures.cross_sections import (
     CrossSections,
     label_cross_sections,
 )
-from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.regions import Body, GapObjective
 from toros_fem.measures.shape import Nodes, Part, ShapeObjective, ShapePart
 from toros_fem.mechanics.skin.dead_loads import point_force
 from toros_fem.mechanics.skin.supports import Supports, clamp, pin

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toros_fem.measures.gap import Body
+from toros_fem.measures.regions import Body
 from toros_fem.meshes.surface import volume
 from toros_fem.products.gripper.load import in_room, solid
 

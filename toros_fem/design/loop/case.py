@@ -14,8 +14,8 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.validation import Bools, Floats
 from toros_fem.design.loop.physics import Bounds, Pressure
 from toros_fem.materials.sheet import Composite
-from toros_fem.measures.alignment import MirroredObjective
 from toros_fem.measures.metrics import Metric, distance
+from toros_fem.measures.miss import MirroredObjective
 from toros_fem.measures.shape import (
     Nodes,
     Objective,

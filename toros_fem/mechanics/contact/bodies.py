@@ -33,7 +33,7 @@ from toros_fem.base.validation import (
     unit_vector,
     whole_numbers,
 )
-from toros_fem.measures.rotation import axial
+from toros_fem.measures.shape import axial
 from toros_fem.meshes.surface import Surface, holes, volume
 from toros_fem.meshes.triangles import corner_angles, normals, skew, surface_areas
 

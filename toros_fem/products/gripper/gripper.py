@@ -27,8 +27,8 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.figures import Figure
-from toros_fem.measures.gap import SHAPES, Body, GapObjective, mean_gap
 from toros_fem.measures.metrics import Metric
+from toros_fem.measures.regions import SHAPES, Body, GapObjective, mean_gap
 from toros_fem.measures.shape import Nodes, Objective
 from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.contact import Contact

@@ -21,7 +21,7 @@ from toros_fem.base.validation import Floats
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.measures.figures import Figure
-from toros_fem.measures.gap import Body
+from toros_fem.measures.regions import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_mesh, rigid_sphere

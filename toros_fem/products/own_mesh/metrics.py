@@ -16,14 +16,16 @@ import numpy as np
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import DIMENSIONS, OneOf, Real, Table, Text, key
 from toros_fem.base.validation import Bools, Floats
-from toros_fem.measures.between_regions import (
+from toros_fem.measures.metrics import Metric
+from toros_fem.measures.regions import (
+    DIRECTIONS,
+    BodyAxis,
     bend_between,
     length_between,
     tip_frame,
     twist_between,
+    unit_vector,
 )
-from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, unit_vector
-from toros_fem.measures.metrics import Metric
 from toros_fem.meshes.pattern import Pattern
 
 # Unit of each measure in files, and the measures that "tip" stands for.

@@ -17,8 +17,8 @@ from toros_fem.base.keys import Count, Distance, In, Length, OneOf, Place, Table
 from toros_fem.base.scene import NO_TABLE
 from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
-from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
 from toros_fem.measures.metrics import Metric, distance
+from toros_fem.measures.regions import DIRECTIONS, BodyAxis, body_axis
 from toros_fem.measures.shape import Part, ShapePart
 from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
 from toros_fem.meshes.files import PATTERN_FILE, from_copy, from_mesh, gap_hint, read_pattern
