@@ -12,8 +12,8 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.find import RelaxedOptions, find_lines
-from toros_fem.making.print.as_printed import as_printed, printed_lines
-from toros_fem.making.print.printability import PrintLimits
+from toros_fem.making.as_printed import as_printed, printed_lines
+from toros_fem.making.printability import PrintLimits
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric, bend_angle, length_ratio, swelling, twist_angle

@@ -27,8 +27,8 @@ from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.mma.optimizer import MMA, Functions
-from toros_fem.making.print.as_printed import polished
-from toros_fem.making.print.cleaning import require_island_area
+from toros_fem.making.as_printed import polished
+from toros_fem.making.cleaning import require_island_area
 from toros_fem.materials.library.files import named, read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.measures.regions import Body, tip_frame

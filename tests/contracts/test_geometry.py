@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutlineError
-from toros_fem.making.panels.panel_drawing import cut_outline
-from toros_fem.making.print.cleaning import Panels, clean
-from toros_fem.making.print.printability import DEFAULT_LIMITS, printability
-from toros_fem.making.sheets.layout import nest
+from toros_fem.making.cleaning import Panels, clean
+from toros_fem.making.layout import nest
+from toros_fem.making.panel_drawing import cut_outline
+from toros_fem.making.printability import DEFAULT_LIMITS, printability
 from toros_fem.meshes import (
     Pattern,
     cylinder,

@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.making.manifest import NAME
 from toros_fem.making.options import INSIDE
-from toros_fem.making.sheets.manifest import NAME
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.panels import Affine
 

@@ -12,8 +12,7 @@ from shapely.geometry import Point, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import PanelError, PatternError
-from toros_fem.making.print.printability import read_print_polygons
-from toros_fem.making.print.regions import part_regions, regions_on
+from toros_fem.making.printability import part_regions, read_print_polygons, regions_on
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, two_panels
 from toros_fem.meshes.border_mesh import bordered

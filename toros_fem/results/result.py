@@ -20,7 +20,7 @@ from toros_fem.base.validation import Floats, require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import LOST, Iteration, growth_of_miss
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.making.print.as_printed import PrintedDesign
+from toros_fem.making.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall, verdict_of
 from toros_fem.measures.miss import shape_figures
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium

@@ -17,9 +17,9 @@ from toros_fem.base.validation import Floats, require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.making.panels.panel_drawing import write_svg
-from toros_fem.making.print.as_printed import PrintedDesign
-from toros_fem.making.print.printability import PRINT, printed_cells, write_print_polygons
+from toros_fem.making.as_printed import PrintedDesign
+from toros_fem.making.panel_drawing import write_svg
+from toros_fem.making.printability import PRINT, printed_cells, write_print_polygons
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.measures.metrics import Metric

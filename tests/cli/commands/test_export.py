@@ -12,7 +12,7 @@ from kit.scene_runs import summary_of, value_of
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
-from toros_fem.making.print.printability import printed_cells, read_print_polygons
+from toros_fem.making.printability import printed_cells, read_print_polygons
 from toros_fem.meshes.files import read_print
 
 Designed = tuple[Path, Path]

@@ -13,7 +13,7 @@ from toros_fem.design.loop.fields import random_density
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.making.print.as_printed import as_printed, printed_lines
+from toros_fem.making.as_printed import as_printed, printed_lines
 from toros_fem.measures.cross_sections import (
     CrossSectionObjective,
     CrossSections,

@@ -10,8 +10,8 @@ from shapely.affinity import affine_transform, translate
 from shapely.geometry import Point, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.print.cleaning import CleanedRegions, clean
-from toros_fem.making.print.printability import PrintLimits, printed_cells
+from toros_fem.making.cleaning import CleanedRegions, clean
+from toros_fem.making.printability import PrintLimits, printed_cells
 from toros_fem.meshes import Tile, tile
 from toros_fem.products.tiles.printability import (
     RepeatedTile,

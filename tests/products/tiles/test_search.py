@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.design.loop.loop import optimize
-from toros_fem.making.print.widths import Widths
+from toros_fem.making.contours import Widths
 from toros_fem.products.tiles import search
 from toros_fem.products.tiles.printability import TilePrintability
 from toros_fem.products.tiles.problem import TileResult, simulated_print

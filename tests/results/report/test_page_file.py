@@ -16,7 +16,7 @@ import shapely
 from helpers.runs import STRIPE, bent, change_summary, regions_of, tube
 
 from toros_fem.base.errors import FileError, MissingPackageError, OutputError
-from toros_fem.making.print.printability import printed_cells
+from toros_fem.making.printability import printed_cells
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern, twist
 from toros_fem.meshes.unwrapped import triangle_stretches

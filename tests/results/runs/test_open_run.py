@@ -20,8 +20,8 @@ from toros_fem.base.errors import (
     RunStoppedError,
 )
 from toros_fem.base.files import UNFINISHED, Archive, guarded, if_possible, replace_file, write_json
-from toros_fem.making.sheets.manifest import FORMAT, NAME
-from toros_fem.making.sheets.write import write_manufacture
+from toros_fem.making.machine_files import write_manufacture
+from toros_fem.making.manifest import FORMAT, NAME
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.open_run import (
     FREE,

@@ -226,7 +226,7 @@ class Check(SceneCommand, kw_only=True):
 
 def _write_template(comm: MPI.Comm, scene: Any, path: Path) -> None:
     """Write the panels of an actuator, to draw a print in (collective)."""
-    from toros_fem.making.panels.drawing import write_template
+    from toros_fem.making.drawing import write_template
     from toros_fem.products.actuators.scene import ActuatorScene
 
     if not isinstance(scene, ActuatorScene):

@@ -88,17 +88,17 @@ class Export(Command, ManufactureOptions, kw_only=True):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Write the files (collective)."""
-        from toros_fem.making.panels.panel_drawing import write_svg
-        from toros_fem.making.print.printability import (
+        from toros_fem.making.machine_files import FOLDER, made_as, write_manufacture
+        from toros_fem.making.manifest import NAME as MANIFEST
+        from toros_fem.making.manifest import PAGE
+        from toros_fem.making.panel_drawing import write_svg
+        from toros_fem.making.printability import (
             PRINT,
             printability,
             printed_cells,
             read_print_polygons,
             write_print_polygons,
         )
-        from toros_fem.making.sheets.manifest import NAME as MANIFEST
-        from toros_fem.making.sheets.manifest import PAGE
-        from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture
         from toros_fem.meshes.files import PATTERN_FILE, read_pattern, write_pattern
         from toros_fem.results.runs.stored_run import read_content
 

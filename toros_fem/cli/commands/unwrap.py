@@ -46,7 +46,7 @@ class Unwrap(Command, Unwrapping, kw_only=True):
         """Unwrap the surface; write pattern, drawing, picture and fields (collective)."""
         import shapely
 
-        from toros_fem.making.panels.panel_drawing import write_svg
+        from toros_fem.making.panel_drawing import write_svg
         from toros_fem.meshes.files import PATTERN_FILE, write_pattern
         from toros_fem.results.runs.open_run import require_open
         from toros_fem.results.writer import write_fields

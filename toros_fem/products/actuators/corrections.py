@@ -18,7 +18,7 @@ from toros_fem.design.loop.miss import Aim, Residuals
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.mma.optimizer import MMAOptions
-from toros_fem.making.print.as_printed import PrintedDesign, as_printed, polished
+from toros_fem.making.as_printed import PrintedDesign, as_printed, polished
 from toros_fem.measures.cross_sections import Rod
 from toros_fem.measures.figures import DEFAULT, Tolerances
 from toros_fem.measures.miss import way_of_sections

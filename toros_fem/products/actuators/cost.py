@@ -15,7 +15,7 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.making.sheets.layout import placing_fault
+from toros_fem.making.layout import placing_fault
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.triangles import (
     expected_triangles,

@@ -21,10 +21,9 @@ from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
-from toros_fem.making.print.as_printed import PrintedDesign, as_printed, patterns_without_islands
-from toros_fem.making.print.printability import PRINT, printed_fractions, read_print_polygons
-from toros_fem.making.print.regions import print_on
-from toros_fem.making.sheets.write import FOLDER, write_manufacture
+from toros_fem.making.as_printed import PrintedDesign, as_printed, patterns_without_islands
+from toros_fem.making.machine_files import FOLDER, write_manufacture
+from toros_fem.making.printability import PRINT, print_on, printed_fractions, read_print_polygons
 from toros_fem.measures.figures import State, largest_part, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.meshes.files import PATTERN_FILE

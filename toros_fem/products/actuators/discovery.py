@@ -24,7 +24,7 @@ from toros_fem.design.loop.levels import correct
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.miss import residuals_of, shape_of
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
-from toros_fem.making.print.as_printed import Shape
+from toros_fem.making.as_printed import Shape
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
 from toros_fem.meshes.pattern import Pattern

@@ -21,8 +21,8 @@ from toros_fem.design.loop.loop import Callback
 from toros_fem.design.loop.miss import quantities_of, shape_of
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
-from toros_fem.making.print.as_printed import PrintedDesign, Shape, state_near
-from toros_fem.making.print.regions import case_of_print
+from toros_fem.making.as_printed import PrintedDesign, Shape, state_near
+from toros_fem.making.printability import case_of_print
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import edge_of, half_width

@@ -19,7 +19,7 @@ from toros_fem.base.validation import Floats, require_between, require_kind
 from toros_fem.design.loop.miss import worst_figure
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.making.print.as_printed import PrintedDesign
+from toros_fem.making.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Tolerances
 from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError

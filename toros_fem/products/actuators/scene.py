@@ -20,7 +20,7 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
 from toros_fem.design.relaxed.find import RelaxedOptions
-from toros_fem.making.print.cleaning import require_island_area
+from toros_fem.making.cleaning import require_island_area
 from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium

@@ -18,9 +18,8 @@ from toros_fem.base.errors import OutputError, PanelError, ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
-from toros_fem.making.panels.drawing import is_drawing, read_drawing
-from toros_fem.making.print.printability import PRINT, read_print_polygons
-from toros_fem.making.print.regions import case_of_print
+from toros_fem.making.drawing import is_drawing, read_drawing
+from toros_fem.making.printability import PRINT, case_of_print, read_print_polygons
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

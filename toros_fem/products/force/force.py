@@ -22,8 +22,7 @@ from toros_fem.base.files import guarded, if_plotting, write_json, write_table
 from toros_fem.base.mpi import free_dropped
 from toros_fem.base.validation import Floats, unit_vector, vector
 from toros_fem.design.loop.case import Case
-from toros_fem.making.print.printability import read_print_polygons
-from toros_fem.making.print.regions import case_of_print
+from toros_fem.making.printability import case_of_print, read_print_polygons
 from toros_fem.measures.figures import formatted
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError

@@ -27,7 +27,7 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_design import POWER, Regularisation
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.problem import Directions, Share
-from toros_fem.making.print.printability import PrintLimits
+from toros_fem.making.printability import PrintLimits
 
 # What the densities of a design may start from.
 STARTS = ("random", "relaxed")

@@ -12,10 +12,9 @@ from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.validation import Bools, Floats, Ints
-from toros_fem.making.print.cleaning import Panels
-from toros_fem.making.print.printability import PanelRegion, PrintLimits
-from toros_fem.making.print.regions import with_more
-from toros_fem.making.print.widths import Widths, measure_widths
+from toros_fem.making.cleaning import Panels
+from toros_fem.making.contours import Widths, measure_widths
+from toros_fem.making.printability import PanelRegion, PrintLimits, with_more
 from toros_fem.meshes.panels import Affine
 from toros_fem.meshes.tiles import SYMMETRIES, Tile
 from toros_fem.meshes.triangles import edges_of, following, linked

@@ -23,7 +23,7 @@ from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
-from toros_fem.making.print.as_printed import cleaned_print
+from toros_fem.making.as_printed import cleaned_print
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.iteration import NewtonStep

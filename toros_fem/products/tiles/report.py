@@ -26,10 +26,9 @@ from toros_fem.base.files import (
 )
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import Bools, checked_path, require_kind, require_positive, shown
-from toros_fem.making.panels.panel_drawing import write_svg
-from toros_fem.making.print.printability import printed_cells
-from toros_fem.making.print.regions import packed_regions, regions_of
-from toros_fem.making.sheets.write import FOLDER, write_manufacture
+from toros_fem.making.machine_files import FOLDER, write_manufacture
+from toros_fem.making.panel_drawing import write_svg
+from toros_fem.making.printability import packed_regions, printed_cells, regions_of
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.meshes.pattern import Pattern

@@ -18,8 +18,8 @@ from toros_fem.design.loop.levels import correct, gathered
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.mma.optimizer import MMAOptions
-from toros_fem.making.print.as_printed import contour_values
-from toros_fem.making.print.contours import printed_regions
+from toros_fem.making.as_printed import contour_values
+from toros_fem.making.contours import printed_regions
 from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.meshes.tiles import SYMMETRIES, Tile
 from toros_fem.products.tiles.printability import TilePrintability, tile_printability

@@ -14,8 +14,7 @@ from toros_fem.base.errors import FileError, NoEquilibriumError
 from toros_fem.base.files import guarded, if_plotting, write_json, write_table
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import Floats
-from toros_fem.making.print.printability import read_print_polygons
-from toros_fem.making.print.regions import case_of_print
+from toros_fem.making.printability import case_of_print, read_print_polygons
 from toros_fem.meshes.files import PATTERN_FILE, read_pattern
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.scene import ActuatorScene

@@ -17,9 +17,9 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import Floats, Ints, require_kind
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, carried_along
-from toros_fem.making.print.as_printed import PrintedDesign
-from toros_fem.making.print.contours import fabric_of
-from toros_fem.making.print.printability import Printability, PrintLimits, printability
+from toros_fem.making.as_printed import PrintedDesign
+from toros_fem.making.contours import fabric_of
+from toros_fem.making.printability import Printability, PrintLimits, printability
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import NONE
 from toros_fem.measures.metrics import Metric

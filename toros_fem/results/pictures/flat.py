@@ -18,8 +18,8 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.validation import Floats
 from toros_fem.design.lines.field import LineField
-from toros_fem.making.panels.marks import sewn_seams
-from toros_fem.making.print.printability import Printability, PrintLimits
+from toros_fem.making.marks import sewn_seams
+from toros_fem.making.printability import Printability, PrintLimits
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
 from toros_fem.meshes.panels import Affine, panel_places
 from toros_fem.meshes.pattern import Pattern, Regions

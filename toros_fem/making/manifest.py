@@ -11,10 +11,10 @@ import numpy as np
 import shapely
 
 from toros_fem.base.packages import required, template, versions
+from toros_fem.making.layout import CutSheet, Manufacture
+from toros_fem.making.marks import Label, SewnSeam, notch_arcs
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.marks import Label, SewnSeam, notch_arcs
-from toros_fem.making.panels.panel_drawing import PanelDrawing, Svg
-from toros_fem.making.sheets.layout import CutSheet, Manufacture
+from toros_fem.making.panel_drawing import PanelDrawing, Svg
 from toros_fem.measures.figures import Figure
 
 NAME = "manufacture.json"
@@ -188,7 +188,7 @@ def page(
     ) -> list[str]:
         return [safe(draw(sheet, f"{what} {k}")) for k, sheet in enumerate(sheets, 1)]
 
-    shown: str = template("toros_fem.making.sheets", PAGE).render(
+    shown: str = template("toros_fem.making", PAGE).render(
         title=title,
         made=manifest,
         corners=[made.bed_on_sheet(k)[1] for k in range(len(made.beds))],

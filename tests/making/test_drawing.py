@@ -10,8 +10,8 @@ import shapely
 from mpi4py import MPI
 
 from toros_fem.base.errors import FileError, ParameterError
-from toros_fem.making.panels.drawing import read_drawing, write_template
-from toros_fem.making.panels.panel_drawing import write_svg
+from toros_fem.making.drawing import read_drawing, write_template
+from toros_fem.making.panel_drawing import write_svg
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
 

@@ -26,7 +26,7 @@ from toros_fem.base.files import naming, replace_file
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.packages import required
 from toros_fem.base.validation import Floats
-from toros_fem.making.panels.panel_drawing import write_svg
+from toros_fem.making.panel_drawing import write_svg
 from toros_fem.meshes.panels import Affine
 from toros_fem.meshes.pattern import Pattern
 

@@ -15,11 +15,11 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.files import write_json
+from toros_fem.making.contours import even_odd
+from toros_fem.making.layout import Manufacture, manufacture
+from toros_fem.making.machine_files import machine_files
+from toros_fem.making.manifest import NAME, manifest
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.print.contours import even_odd
-from toros_fem.making.sheets.layout import Manufacture, manufacture
-from toros_fem.making.sheets.manifest import NAME, manifest
-from toros_fem.making.sheets.write import machine_files
 from toros_fem.meshes import Pattern, two_panels, unwrap
 from toros_fem.meshes.surface import Surface
 

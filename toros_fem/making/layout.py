@@ -18,15 +18,9 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.errors import OutlineError, TorosError
 from toros_fem.base.packages import required
 from toros_fem.base.validation import Floats
+from toros_fem.making.marks import CLEAR, HEIGHT, Label, SewnSeam, ruler, sewn_seams
 from toros_fem.making.options import DEFAULT, ManufactureOptions
-from toros_fem.making.panels.marks import CLEAR, HEIGHT, Label, SewnSeam, ruler, sewn_seams
-from toros_fem.making.panels.panel_drawing import (
-    Box,
-    Layer,
-    PanelDrawing,
-    panel_drawings,
-    printed_face,
-)
+from toros_fem.making.panel_drawing import Box, Layer, PanelDrawing, panel_drawings, printed_face
 from toros_fem.meshes.panels import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 

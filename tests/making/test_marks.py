@@ -7,7 +7,7 @@ import pytest
 import shapely
 from helpers.panels import KINDS, pattern_of
 
-from toros_fem.making.panels.marks import ruler, sewn_seams
+from toros_fem.making.marks import ruler, sewn_seams
 
 
 def points(array: np.ndarray) -> list[tuple[float, ...]]:

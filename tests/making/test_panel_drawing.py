@@ -12,9 +12,9 @@ from helpers.panels import KINDS, pattern_of, striped
 from mpi4py import MPI
 from shapely.geometry import LineString, Point, Polygon, box
 
+from toros_fem.making.marks import sewn_seams
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.marks import sewn_seams
-from toros_fem.making.panels.panel_drawing import (
+from toros_fem.making.panel_drawing import (
     PanelDrawing,
     cut_outline,
     panel_drawings,

@@ -1,29 +1,58 @@
-"""All machine files: the same places everywhere, figures that agree, and no files left over."""
+"""Machine files: folder, sheets to cut, bodies to print."""
+
+from __future__ import annotations
 
 import errno
+import io
 import json
 import os
+import re
 import sys
 import time
+import xml.etree.ElementTree as ET
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import ezdxf
 import meshio
 import numpy as np
 import pytest
 import shapely
+from ezdxf import bbox
+from ezdxf.entitydb import EntityDB
 from helpers.machine_files import read_regions
+from helpers.panels import pattern_of, striped
 from helpers.runs import SUMMARY, regions_of, tube
 from mpi4py import MPI
+from shapely.geometry import Point, Polygon, box
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import FileError, OutlineError
 from toros_fem.base.files import if_possible
+from toros_fem.making.layout import CutSheet
+from toros_fem.making.machine_files import (
+    cut_dxf,
+    cut_svg,
+    made_as,
+    outlines,
+    print_bodies,
+    print_body,
+    stl_of,
+    write_manufacture,
+)
+from toros_fem.making.marks import Label
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.sheets.write import made_as, write_manufacture
+from toros_fem.making.panel_drawing import panel_drawings
 from toros_fem.meshes import Pattern
+from toros_fem.meshes.panels import Affine
 from toros_fem.meshes.sheets import rectangle
 
 SMALL = ManufactureOptions(bed_width=0.1, bed_depth=0.19, layer_height=0.5e-3)
+SVG = "{http://www.w3.org/2000/svg}"
+trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
+HEIGHT, BASE = 0.4e-3, 0.3e-3
+SPOTS = np.random.default_rng(3)
 
 
 @pytest.fixture(scope="module")
@@ -253,3 +282,120 @@ def test_what_cannot_be_made_is_said_in_a_line(
     if_possible("machine files", lambda: write(SMALL))
     assert "pip install '.[manufacture]'" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def full() -> CutSheet:
+    pattern = pattern_of("finger")
+    drawing = panel_drawings(pattern, striped(pattern))[0]
+    left, low, right, high = drawing.footprint.bounds
+    return CutSheet((right - left, high - low), [drawing.moved(Affine.shift([-left, -low]))])
+
+
+def test_a_full_sheet_has_its_ruler_below(full: CutSheet) -> None:
+    size, root = full.size, ET.fromstring(cut_svg(full))
+    height = float(root.get("height", "").removesuffix("mm"))
+    assert height == pytest.approx(1e3 * size[1] + 9, abs=1e-2)
+    ruler = next(g for g in root.iter(f"{SVG}g") if g.get("class") == "sheet")
+    heights = re.findall(r",(-?[\d.]+)", ruler.findall(f"{SVG}path")[0].get("d", ""))
+    assert all(1e3 * size[1] < float(y) < height for y in heights)
+    assert heights
+
+
+def test_equal_cuts_have_equal_bytes(full: CutSheet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where sets have another order, as in each process."""
+    made, kinds = [], EntityDB.dxf_types_in_use
+    for turned in (False, True):
+        order = partial(sorted, reverse=turned)
+        monkeypatch.setattr(EntityDB, "dxf_types_in_use", lambda of, to=order: to(kinds(of)))
+        made.append(cut_dxf(full))
+    assert made[0] == made[1]
+
+
+@pytest.mark.parametrize("version", ["R12", "R2010"])
+@pytest.mark.parametrize("letters", ["text", "outlines"])
+def test_versions_letters_and_extents_of_dxf(full: CutSheet, version: str, letters: str) -> None:
+    """R12 knows no light polylines; the extents are those of all lines."""
+    written = cut_dxf(full, ManufactureOptions(dxf_version=version, letters=letters)).decode()
+    document = ezdxf.read(io.StringIO(written))
+    assert not document.audit().errors
+    kinds = {entity.dxftype() for entity in document.modelspace()}
+    lines = "POLYLINE" if version == "R12" else "LWPOLYLINE"
+    assert kinds == ({lines, "TEXT"} if letters == "text" else {lines})
+    seen = bbox.extents(document.modelspace())
+    assert np.allclose(document.header["$EXTMIN"], seen.extmin)
+    assert np.allclose(document.header["$EXTMAX"], seen.extmax)
+    layers = {entity.dxf.layer for entity in document.modelspace()}
+    assert layers == {"print", "seam", "marks", "labels", "cut"}
+
+
+def test_outlines_in_svg(full: CutSheet) -> None:
+    """No text is left, and the lettering is where the text was."""
+    root = ET.fromstring(cut_svg(full, ManufactureOptions(letters="outlines")))
+    assert not list(root.iter(f"{SVG}text"))
+    assert list(ET.fromstring(cut_svg(full)).iter(f"{SVG}text"))
+
+
+def test_letters_have_the_place_and_height_of_their_label() -> None:
+    for turn in (0.0, np.pi / 2):
+        (ring, *_) = outlines(Label("H", np.array([0.1, 0.2]), turn, 4e-3))
+        wide, high = np.ptp(ring, axis=0)[:: 1 if turn == 0 else -1]
+        assert high == pytest.approx(4e-3, rel=5e-3)
+        assert 2e-3 < wide < 4e-3
+        assert (ring.min(axis=0) + ring.max(axis=0)) / 2 == pytest.approx([0.1, 0.2], abs=5e-5)
+
+
+def random_spots(count: int) -> BaseGeometry:
+    places, radii = SPOTS.uniform(0, 0.1, (count, 2)), SPOTS.uniform(1e-3, 4e-3, count)
+    spots = [Point(*place).buffer(radius, 8) for place, radius in zip(places, radii, strict=True)]
+    return shapely.union_all(spots)
+
+
+FRAME = box(0, 0, 0.1, 0.05).difference(box(0.02, 0.02, 0.04, 0.03))
+REGIONS = {
+    "a square": box(0, 0, 0.01, 0.01),
+    "holes": FRAME.difference(Point(0.07, 0.025).buffer(0.01)),
+    "holes that touch at a point": FRAME.difference(box(0.04, 0.03, 0.05, 0.04)),
+    "a hole that touches the border": FRAME.difference(
+        Polygon([(0.06, 0.0), (0.065, 0.01), (0.055, 0.01)])
+    ),
+    "parts that touch at a point": shapely.union_all([FRAME, box(0.1, 0.05, 0.12, 0.06)]),
+    "a corner on an edge": shapely.union_all(
+        [FRAME, Polygon([(0.1, 0.025), (0.12, 0.02), (0.12, 0.04)])]
+    ),
+    "an island in a hole": shapely.union_all([FRAME, box(0.025, 0.022, 0.035, 0.028)]),
+    "200 spots": random_spots(200),
+}
+
+
+def checked(mesh: Any) -> None:
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 0  # outward
+    # Each edge belongs to two faces: no two bodies share one.
+    assert (np.unique(mesh.edges_sorted, axis=0, return_counts=True)[1] == 2).all()
+
+
+@pytest.mark.parametrize("name", REGIONS)
+def test_bodies_are_watertight_and_of_the_right_volume(name: str, tmp_path: Path) -> None:
+    region = REGIONS[name]
+    body = print_body(region, HEIGHT, BASE)
+    (tmp_path / "body.stl").write_bytes(stl_of([("body", *body)]))
+    mesh = trimesh.load_mesh(tmp_path / "body.stl")  # single precision, corners found by place
+    checked(mesh)
+    assert mesh.volume == pytest.approx(1e9 * region.area * HEIGHT, rel=1e-3)
+    low, high = mesh.bounds
+    assert (low[2], high[2]) == pytest.approx((1e3 * BASE, 1e3 * (BASE + HEIGHT)), abs=1e-6)
+    assert (low[0], low[1], high[0], high[1]) == pytest.approx(
+        np.array(region.bounds) * 1e3, abs=2e-3
+    )
+    number = len(shapely.get_parts(region))
+    assert mesh.body_count == number
+
+
+def test_panels_without_print_have_no_body() -> None:
+    pattern = pattern_of("finger")
+    regions = striped(pattern)
+    drawings = panel_drawings(pattern, [regions[0], Polygon()])
+    names = [name for name, *_ in print_bodies(drawings)]
+    assert names == ["top", "top registration"]

@@ -13,8 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.files import replace_file
 from toros_fem.base.validation import Floats
-from toros_fem.making.options import ALL, DEFAULT, INSIDE, ManufactureOptions
-from toros_fem.making.panels.marks import (
+from toros_fem.making.marks import (
     CLEAR,
     Label,
     SewnSeam,
@@ -27,6 +26,7 @@ from toros_fem.making.panels.marks import (
     panel_label,
     sewn_seams,
 )
+from toros_fem.making.options import ALL, DEFAULT, INSIDE, ManufactureOptions
 from toros_fem.meshes.panels import Affine, panel_places
 from toros_fem.meshes.pattern import Pattern, Regions
 

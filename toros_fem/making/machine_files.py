@@ -23,19 +23,11 @@ from toros_fem.base.errors import FileError
 from toros_fem.base.files import read_json, replacing, write_json
 from toros_fem.base.packages import required
 from toros_fem.base.validation import Floats, Ints
+from toros_fem.making.layout import LAYERS, CutSheet, Manufacture, manufacture
+from toros_fem.making.manifest import FORMAT, NAME, PAGE, MadeFile, manifest, page, print_height
+from toros_fem.making.marks import Label, cross_shapes
 from toros_fem.making.options import DEFAULT, OUTLINES, R12, ManufactureOptions
-from toros_fem.making.panels.marks import Label, cross_shapes
-from toros_fem.making.panels.panel_drawing import Layer, PanelDrawing, Svg, open_line
-from toros_fem.making.sheets.layout import LAYERS, CutSheet, Manufacture, manufacture
-from toros_fem.making.sheets.manifest import (
-    FORMAT,
-    NAME,
-    PAGE,
-    MadeFile,
-    manifest,
-    page,
-    print_height,
-)
+from toros_fem.making.panel_drawing import Layer, PanelDrawing, Svg, open_line
 from toros_fem.meshes.pattern import Pattern, Regions
 
 # Folder of the machine files in that of a run.

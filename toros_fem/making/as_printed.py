@@ -22,23 +22,18 @@ from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.physics import Pressure
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
-from toros_fem.making.print.cleaning import (
-    CleanedRegions,
-    Panels,
-    clean,
-    panels_of,
-    require_island_area,
-)
-from toros_fem.making.print.contours import printed_regions
-from toros_fem.making.print.printability import (
+from toros_fem.making.cleaning import CleanedRegions, Panels, clean, panels_of, require_island_area
+from toros_fem.making.contours import printed_regions
+from toros_fem.making.printability import (
     DEFAULT_LIMITS,
     Printability,
     PrintLimits,
+    part_regions,
     printability,
     printed_cells,
     printed_fractions,
+    regions_on,
 )
-from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.transfer import make_transfer

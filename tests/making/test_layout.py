@@ -7,7 +7,7 @@ import pytest
 import shapely
 from shapely.affinity import rotate, translate
 
-from toros_fem.making.sheets.layout import Placement, nest
+from toros_fem.making.layout import Placement, nest
 
 GAP, MARGIN = 4e-3, 10e-3
 BED = (0.25, 0.21)

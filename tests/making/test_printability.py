@@ -9,9 +9,9 @@ from mpi4py import MPI
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.print.cleaning import Panels, clean
-from toros_fem.making.print.contours import printed_regions
-from toros_fem.making.print.printability import (
+from toros_fem.making.cleaning import Panels, clean
+from toros_fem.making.contours import printed_regions
+from toros_fem.making.printability import (
     PrintLimits,
     find_holes,
     find_pieces,

@@ -14,25 +14,28 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import Bools, Floats, is_number, shown
-from toros_fem.making.print.contours import (
+from toros_fem.making.contours import (
     QUARTER,
     TOUCHING,
     fabric_of,
+    narrow_discs,
     opened,
     pieces_and_holes,
     simplified,
     smoothed,
     solid,
 )
-from toros_fem.making.print.printability import (
+from toros_fem.making.printability import (
+    BEYOND,
     DEFAULT_LIMITS,
     PanelRegion,
     PrintLimits,
+    beyond_seams,
     find_holes,
     find_pieces,
+    part_regions,
+    with_more,
 )
-from toros_fem.making.print.regions import BEYOND, beyond_seams, part_regions, with_more
-from toros_fem.making.print.widths import narrow_discs
 from toros_fem.meshes.panels import Affine, polygons_of
 from toros_fem.meshes.pattern import Mirrored, Pattern, Regions
 
