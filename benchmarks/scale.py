@@ -32,7 +32,7 @@ from toros_fem.making.panel_drawing import write_svg
 from toros_fem.making.printability import printability, printed_cells
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import bend
-from toros_fem.products.tubes.tube import Tube, TubeScene, bend_metric
+from toros_fem.products.tubes import Tube, TubeScene, bend_metric
 from toros_fem.results.pictures.flat import draw_pattern
 from toros_fem.results.pictures.shapes import draw_shape
 from toros_fem.results.pictures.shown import DrawnSkin

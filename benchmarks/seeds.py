@@ -37,10 +37,7 @@ from toros_fem.measures.figures import NONE, Figure, State, formatted, largest_p
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.bend_twist import BendTwistScene
-from toros_fem.products.tubes.contract import ContractScene
-from toros_fem.products.tubes.twist import TwistScene
+from toros_fem.products.tubes import BendScene, BendTwistScene, ContractScene, TwistScene
 
 # Places along a rod at which its frame is known.
 PLACES = 1000

@@ -43,7 +43,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import sew
-from toros_fem.products.tubes.tube import bend_metric
+from toros_fem.products.tubes import bend_metric
 from toros_fem.results.pictures.of_run import facts_of
 from toros_fem.results.pictures.raster import View
 from toros_fem.results.pictures.shapes import plot_states

@@ -36,7 +36,7 @@ from toros_fem.products.actuators.estimates import print_intervals
 from toros_fem.products.actuators.pressure import trimmed
 from toros_fem.products.fitting.fit import fit_material
 from toros_fem.products.fitting.reading import read_tensile_tests
-from toros_fem.products.tolerance.simulated import tolerances
+from toros_fem.products.tolerance import tolerances
 from toros_fem.results.report.page_file import read_summary
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.open_run import open_run

@@ -28,13 +28,12 @@ from toros_fem.meshes.seams import remeshed
 from toros_fem.meshes.surface import oriented
 from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.samples import TensileTest
-from toros_fem.products.gripper.gripper import GripperScene
+from toros_fem.products.gripper import GripperScene
 from toros_fem.products.options import FitOptions
-from toros_fem.products.own_mesh.metrics import Expression, MetricTable, Region
-from toros_fem.products.own_mesh.own_mesh import Held, OwnSkin, Plain, Printed, read_skin
+from toros_fem.products.own_mesh import Held, OwnSkin, Plain, Printed, read_skin
+from toros_fem.products.own_metrics import Expression, MetricTable, Region
 from toros_fem.products.tiles.stiffness_profile import ALONG, Profile, ProfileSolver
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.tube import SectionTubeScene
+from toros_fem.products.tubes import BendScene, SectionTubeScene
 
 ALONE = MPI.COMM_SELF
 

@@ -41,11 +41,11 @@ from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, build_in, displace
-from toros_fem.products.gripper.gripper import GripperScene
+from toros_fem.products.gripper import GripperScene
+from toros_fem.products.inflate import InflateScene
 from toros_fem.products.tiles.report import PrintedTile, read_tile
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.inflate import InflateScene
-from toros_fem.products.walker.walker import WalkerScene
+from toros_fem.products.tubes import BendScene
+from toros_fem.products.walker import WalkerScene
 from toros_fem.results.writer import write_fields
 
 Table = dict[str, Callable[["Scene"], object]]

@@ -20,7 +20,7 @@ from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Pattern, Skin, bend
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.tubes import BendScene
 
 RADIUS = 7e-3
 # Short designs leave the curve over the pressure out, which would take as long as they do, and the

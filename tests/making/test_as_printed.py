@@ -31,8 +31,8 @@ from toros_fem.making.printability import PrintLimits, printed_cells, regions_on
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, two_panels
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.walker.walker import WalkerScene
+from toros_fem.products.tubes import BendScene
+from toros_fem.products.walker import WalkerScene
 
 NOTHING = shapely.Polygon()
 

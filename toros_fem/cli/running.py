@@ -201,7 +201,7 @@ def _require_meshes(comm: MPI.Comm, scene: SceneFile, name: str, files: Mapping[
     from toros_fem.products.actuators.cost import require_affordable_meshes
     from toros_fem.products.actuators.scene import ActuatorScene
     from toros_fem.products.actuators.simulate import case_to_simulate
-    from toros_fem.products.tubes.inflate import InflateScene
+    from toros_fem.products.inflate import InflateScene
 
     config = scene.config
     if isinstance(config, InflateScene):

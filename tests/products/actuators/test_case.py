@@ -26,7 +26,7 @@ from toros_fem.mechanics.skin.supports import Supports, clamp, pin
 from toros_fem.meshes import WALKER, Pattern, Skin, bend, cylinder, stand, walker
 from toros_fem.products.actuators.legs import rest_on_body
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric
+from toros_fem.products.tubes import SectionTubeScene, bend_metric
 
 LEG = ActuatorScene.of(
     seams="hinged",

@@ -20,8 +20,13 @@ from toros_fem.base.errors import NoEquilibriumError, PatternError
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.tiles import Tile
 from toros_fem.products.tiles.plots import full_circle
-from toros_fem.products.tiles.printability import island_areas
-from toros_fem.products.tiles.problem import directions, measure_print, merged, simulated_print
+from toros_fem.products.tiles.problem import (
+    directions,
+    island_areas,
+    measure_print,
+    merged,
+    simulated_print,
+)
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
 

@@ -21,8 +21,8 @@ from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern, twist
 from toros_fem.meshes.unwrapped import triangle_stretches
 from toros_fem.products.actuators.result import SkinDesign
+from toros_fem.products.inflate import InflationResult
 from toros_fem.products.tiles.report import TileRun
-from toros_fem.products.tubes.inflate import InflationResult
 from toros_fem.results.report import page_file
 from toros_fem.results.report.page_file import (
     FlatPatterns,

@@ -129,8 +129,8 @@ class RunCommand(SceneCommand, Progress, kw_only=True):
         scene = super().scene(comm)
         if not self.metric:
             return scene
-        from toros_fem.products.own_mesh.metrics import MetricTable
-        from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
+        from toros_fem.products.own_mesh import OwnMeshScene
+        from toros_fem.products.own_metrics import MetricTable
 
         if not isinstance(scene.config, OwnMeshScene):
             raise UsageError(

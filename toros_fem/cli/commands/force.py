@@ -42,7 +42,7 @@ class Force(Command, ForceOptions, kw_only=True):
         """Simulate the blocked end, and write its forces (collective)."""
         from toros_fem.cli.commands.tolerance import scene_of_run
         from toros_fem.meshes.triangles import triangle_limit
-        from toros_fem.products.force.force import (
+        from toros_fem.products.force import (
             FILES,
             forces_of_run,
             sentence_of,

@@ -33,8 +33,14 @@ from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.result import SkinDesign, TrialResult
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
 from toros_fem.products.plausibility import Group, Inflated, with_lengths
-from toros_fem.products.tables.loads import PressureTable, ResultTable, SkinSheets
-from toros_fem.products.tables.steps import DesignTable, LineTable, PrinterTable
+from toros_fem.products.tables import (
+    DesignTable,
+    LineTable,
+    PressureTable,
+    PrinterTable,
+    ResultTable,
+    SkinSheets,
+)
 from toros_fem.results.reporter import DesignReporter, print_step
 from toros_fem.results.runs.open_run import journal_of
 

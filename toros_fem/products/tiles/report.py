@@ -33,8 +33,14 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.tiles import Tile, tile
-from toros_fem.products.tiles.printability import SIDE, repeated
-from toros_fem.products.tiles.problem import UNITS, PrintMeasurement, TileCase, TileResult
+from toros_fem.products.tiles.problem import (
+    SIDE,
+    UNITS,
+    PrintMeasurement,
+    TileCase,
+    TileResult,
+    repeated,
+)
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.writer import write_fields

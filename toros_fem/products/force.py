@@ -36,7 +36,7 @@ from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.estimates import SAFETY
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.options import ForceOptions
-from toros_fem.products.tolerance.of_run import printed_summary
+from toros_fem.products.tolerance_of_run import printed_summary
 
 FILES = ("force.json", "force.csv", "force.png")
 # Of the air around, in Pa.

@@ -43,7 +43,7 @@ from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.gripper.load import (
+from toros_fem.products.gripper_load import (
     ALONG,
     TOWARD,
     LiftResult,
@@ -53,8 +53,7 @@ from toros_fem.products.gripper.load import (
     solid,
 )
 from toros_fem.products.plausibility import Group, Inflated, angle_group
-from toros_fem.products.tables.loads import ContactTable, PressureTable, SkinSheets
-from toros_fem.products.tables.steps import DesignTable
+from toros_fem.products.tables import ContactTable, DesignTable, PressureTable, SkinSheets
 
 WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees
 FINGERS = {"sphere": 3, "box": 4}  # as many as its sides, so that each finger does the same

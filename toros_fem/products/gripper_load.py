@@ -41,7 +41,7 @@ from toros_fem.results.runs.frames import Frame, ShownSkin
 from toros_fem.results.runs.record import repeated, write_series
 
 if TYPE_CHECKING:
-    from toros_fem.products.gripper.gripper import GripperScene
+    from toros_fem.products.gripper import GripperScene
 
 # Directions of a finger's frame: from the mount to the tip, and towards the object.
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)

@@ -13,7 +13,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp, symmetry_planes
 from toros_fem.meshes import Skin, cylinder, mirrored, sew
 from toros_fem.meshes.sheets import WALL
-from toros_fem.products.force.force import ForceMap, force_map, rows_of, sentence_of, whole_solver
+from toros_fem.products.force import ForceMap, force_map, rows_of, sentence_of, whole_solver
 
 PRESSURES = (1.5e3, 3e3)
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import WALKER, walker
 from toros_fem.meshes.pattern import mirrored
-from toros_fem.products.walker.gait import Gait, Walk, walk_of
+from toros_fem.products.gait import Gait, Walk, walk_of
 
 
 def walk_in(pressures: Any, volumes: Any, feet: Any = None, touching: Any = None) -> Walk:

@@ -1,13 +1,18 @@
-"""Cases of the tube: weights of the tip, and cross-sections."""
+"""Tubes."""
 
+from __future__ import annotations
+
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+from toros_fem import errors
 from toros_fem.meshes import Pattern, bend, contract, cylinder, twist
-from toros_fem.products.tubes.tube import (
+from toros_fem.products.tubes import (
+    BendScene,
     SectionTubeScene,
     TubeScene,
     bend_metric,
@@ -19,6 +24,7 @@ from toros_fem.products.tubes.tube import (
 )
 
 SHORT = {"length": 0.06, "edge_length": 3e-3}
+SMALL = BendScene.of(length=0.06, edge_length=6e-3, filter_radius=9e-3, iterations=1)
 
 
 @pytest.fixture(scope="module")
@@ -115,3 +121,21 @@ def test_coarse_variant_is_of_the_skin_s_own_size(size: float, edge: float, long
 def test_planes_that_are_none_of_symmetry(alone: MPI.Comm) -> None:
     assert plain_planes("hinged") == (1,)
     assert plain_planes("continuous") == (0, 1)
+
+
+def test_output_that_cannot_be_written(alone: MPI.Comm, tmp_path: Path) -> None:
+    """Rank 0 alone writes, yet all ranks raise."""
+    (tmp_path / "taken").write_text("a file, not a folder", encoding="utf-8")
+    with pytest.raises(errors.OutputError, match="taken cannot be used as the folder of a run"):
+        SMALL.run_design(alone, tmp_path / "taken")
+
+
+def test_a_folder_that_is_not_empty_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
+    """A script that designs says so before it designs; files that are there stay as they are."""
+    names = ("summary.json", "history.csv", "pattern.svg")
+    for name in names:
+        (tmp_path / name).write_text(f"{name} of a run before", encoding="utf-8")
+    with pytest.raises(errors.OutputError, match="is not empty"):
+        SMALL.run_design(alone, tmp_path)
+    for name in names:
+        assert (tmp_path / name).read_text(encoding="utf-8") == f"{name} of a run before"

@@ -8,7 +8,7 @@ from helpers.designs import case_of
 from mpi4py import MPI
 
 from toros_fem.meshes import walker
-from toros_fem.products.walker import walker as demo
+from toros_fem.products import walker as demo
 
 SMALL = demo.WalkerScene.of(edge_length=6e-3)
 

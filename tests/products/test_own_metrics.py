@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.own_mesh.metrics import Expression, Region
+from toros_fem.products.own_metrics import Expression, Region
 
 X, Y, Z = POINTS = np.random.default_rng(3).uniform(-0.02, 0.02, (3, 500))
 

@@ -1,4 +1,6 @@
-"""Skins that are not made as drawn."""
+"""Tolerances of one print."""
+
+from __future__ import annotations
 
 import json
 from collections.abc import Mapping
@@ -11,15 +13,16 @@ import shapely
 from helpers.pages import assert_apart
 from helpers.prints import MM, metres
 from helpers.scenes import square
-from helpers.worn import Printed
+from helpers.worn import Printed, printed_tube
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.meshes import Pattern
-from toros_fem.products.tolerance.of_run import by_size, plot_tolerances, write_tolerances
-from toros_fem.products.tolerance.simulated import ToleranceResult, broken_lines, offset_print
+from toros_fem.products.options import ToleranceConfig
+from toros_fem.products.tolerance import ToleranceResult, broken_lines, offset_print
+from toros_fem.products.tolerance_of_run import by_size, plot_tolerances, write_tolerances
 
 KEYS = ("objective", "angle_deg", "length_ratio")
 QUANTITIES = (
@@ -31,6 +34,17 @@ QUANTITIES = (
     "pressure",
 )
 RESOLUTION = 0.03 * MM
+
+
+@pytest.fixture(scope="session")
+def printed(alone: MPI.Comm) -> Printed:
+    return printed_tube(alone)
+
+
+@pytest.fixture(scope="session")
+def found(printed: Printed) -> ToleranceResult:
+    small = ToleranceConfig(modulus=0.01, thickness=0.01, pressure_change=0.005)
+    return tf.tolerances(*printed, small)
 
 
 def test_all_variants_are_there(found: ToleranceResult) -> None:
