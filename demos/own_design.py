@@ -31,7 +31,7 @@ from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.meshes import bend, mirrored, read_surface, unwrap
 from toros_fem.meshes.surface import cut_at_planes, straightened, volume
 from toros_fem.meshes.transfer import refine
-from toros_fem.products.tables import TipWeights
+from toros_fem.products.common.tables import TipWeights
 
 FILE = Path(__file__).parent / "surfaces" / "finger.stl"
 

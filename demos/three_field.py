@@ -32,7 +32,7 @@ from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import Pattern, bend
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.tables import DesignTable, ResultTable
+from toros_fem.products.common.tables import DesignTable, ResultTable
 from toros_fem.products.tubes import BendTarget, TubeScene, bend_metric
 from toros_fem.results.result import PrintedResult
 from toros_fem.results.runs.open_run import open_run

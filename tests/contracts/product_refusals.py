@@ -26,10 +26,10 @@ from toros_fem.measures.regions import bend_between, length_between, twist_betwe
 from toros_fem.meshes.files import PATTERN_FILE
 from toros_fem.meshes.seams import remeshed
 from toros_fem.meshes.surface import oriented
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.samples import TensileTest
 from toros_fem.products.gripper import GripperScene
-from toros_fem.products.options import FitOptions
 from toros_fem.products.own_mesh import Held, OwnSkin, Plain, Printed, read_skin
 from toros_fem.products.own_metrics import Expression, MetricTable, Region
 from toros_fem.products.tiles.stiffness_profile import ALONG, Profile, ProfileSolver

@@ -25,9 +25,9 @@ from toros_fem.measures.shape import ShapePart
 from toros_fem.meshes import triangle_limit
 from toros_fem.meshes.files import PATTERN_FILE, write_pattern
 from toros_fem.products.actuators.cost import require_affordable_meshes
+from toros_fem.products.common.plausibility import doubts
 from toros_fem.products.own_mesh import Held, OwnMeshScene, OwnSkin, read_skin
 from toros_fem.products.own_metrics import MetricTable
-from toros_fem.products.plausibility import doubts
 from toros_fem.results.runs.stored_run import summary_of
 
 pytestmark = pytest.mark.usefixtures("few_pictures")

@@ -20,7 +20,7 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.meshes import Pattern
-from toros_fem.products.options import ToleranceConfig
+from toros_fem.products.common.options import ToleranceConfig
 from toros_fem.products.tolerance import ToleranceResult, broken_lines, offset_print
 from toros_fem.products.tolerance_of_run import by_size, plot_tolerances, write_tolerances
 

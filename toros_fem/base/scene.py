@@ -98,7 +98,7 @@ class Scene(Table):
         return self
 
     def groups(self) -> Iterator[Any]:
-        """Yield the groups of the scene that are known, of `products.plausibility`."""
+        """Yield the groups of the scene that are known, of `products.common.plausibility`."""
         return iter(())
 
     @classmethod

@@ -26,8 +26,8 @@ from toros_fem.cli.command import Answer
 from toros_fem.cli.process import UsageError
 from toros_fem.cli.scene_files import QUICK, SceneFile, keys_of, read_scene, scene_text
 from toros_fem.measures.figures import State
+from toros_fem.products.common.plausibility import doubts, warn_of_doubts
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.plausibility import doubts, warn_of_doubts
 from toros_fem.results.report.page_file import write_report
 from toros_fem.results.report.tables import as_text
 from toros_fem.results.runs.open_run import EVERY, FREE, open_run, read_record

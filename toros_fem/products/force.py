@@ -35,7 +35,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.estimates import SAFETY
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.options import ForceOptions
+from toros_fem.products.common.options import ForceOptions
 from toros_fem.products.tolerance_of_run import printed_summary
 
 FILES = ("force.json", "force.csv", "force.png")

@@ -43,6 +43,8 @@ from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.actuators.scene import ActuatorScene, Level
+from toros_fem.products.common.plausibility import Group, Inflated, angle_group
+from toros_fem.products.common.tables import ContactTable, DesignTable, PressureTable, SkinSheets
 from toros_fem.products.gripper_load import (
     ALONG,
     TOWARD,
@@ -52,8 +54,6 @@ from toros_fem.products.gripper_load import (
     lift_figures,
     solid,
 )
-from toros_fem.products.plausibility import Group, Inflated, angle_group
-from toros_fem.products.tables import ContactTable, DesignTable, PressureTable, SkinSheets
 
 WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees
 FINGERS = {"sphere": 3, "box": 4}  # as many as its sides, so that each finger does the same

@@ -24,8 +24,8 @@ from toros_fem.meshes.pattern import mirrored
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.triangles import expected_triangles, require_affordable
 from toros_fem.products.actuators.cost import Cost
-from toros_fem.products.plausibility import Group, Inflated, with_lengths
-from toros_fem.products.tables import SkinSheets
+from toros_fem.products.common.plausibility import Group, Inflated, with_lengths
+from toros_fem.products.common.tables import SkinSheets
 from toros_fem.products.tubes import SymmetricTube, plain_planes, plain_tube
 from toros_fem.results.reporter import print_step, with_progress
 from toros_fem.results.result import write_summary

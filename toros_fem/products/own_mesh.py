@@ -37,10 +37,9 @@ from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import half_edges, lengths
 from toros_fem.products.actuators.scene import SOURCE, ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
-from toros_fem.products.options import Unwrapping
-from toros_fem.products.own_metrics import MetricTable, Region, judged_by
-from toros_fem.products.plausibility import Group, Inflated, bend_strain
-from toros_fem.products.tables import (
+from toros_fem.products.common.options import Unwrapping
+from toros_fem.products.common.plausibility import Group, Inflated, bend_strain
+from toros_fem.products.common.tables import (
     BendAngle,
     DesignTable,
     SectionWeights,
@@ -50,6 +49,7 @@ from toros_fem.products.tables import (
     shortening_key,
     twist_key,
 )
+from toros_fem.products.own_metrics import MetricTable, Region, judged_by
 
 COMPONENTS = ("x", "y", "z", "xy", "xz", "yz", "xyz")
 SYMMETRIES = (*COMPONENTS[:-1], "auto")

@@ -29,7 +29,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.panels import border_motion, with_flat_points
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.products.options import ToleranceConfig
+from toros_fem.products.common.options import ToleranceConfig
 
 # What is off, and how it reads where it is less and where it is more.
 WORDS = {

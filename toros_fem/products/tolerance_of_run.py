@@ -18,7 +18,7 @@ from toros_fem.making.printability import case_of_print, read_print_polygons
 from toros_fem.meshes.files import PATTERN_FILE, read_pattern
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.options import ToleranceConfig
+from toros_fem.products.common.options import ToleranceConfig
 from toros_fem.products.tolerance import ToleranceResult, Variant, simulated_tolerances
 from toros_fem.results.runs.frames import FOLDER, read_frames, read_skin
 from toros_fem.results.runs.stored_run import SUMMARY, Summary, summary_of

@@ -30,8 +30,8 @@ from toros_fem.meshes.pattern import Pattern, mirrored, require_symmetric_map
 from toros_fem.meshes.sheets import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.targets import Deformer, bend, compose, contract, twist
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.plausibility import Group, Inflated, bend_strain
-from toros_fem.products.tables import (
+from toros_fem.products.common.plausibility import Group, Inflated, bend_strain
+from toros_fem.products.common.tables import (
     BendAngle,
     DesignTable,
     LineTable,

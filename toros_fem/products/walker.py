@@ -43,15 +43,15 @@ from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.actuators.result import SkinDesign
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.gait import Gait, Walk, flat_on_ground, walk_of, write_gait
-from toros_fem.products.plausibility import Group, Inflated, angle_group
-from toros_fem.products.tables import (
+from toros_fem.products.common.plausibility import Group, Inflated, angle_group
+from toros_fem.products.common.tables import (
     ContactTable,
     DesignTable,
     PressureTable,
     ResultTable,
     SkinSheets,
 )
+from toros_fem.products.gait import Gait, Walk, flat_on_ground, walk_of, write_gait
 
 AIMS = ("shape", "stride")
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees

@@ -14,7 +14,7 @@ from toros_fem.design.relaxed.find import RelaxedOptions
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material
 from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.tables import Sheets
+from toros_fem.products.common.tables import Sheets
 from toros_fem.products.tubes import BendScene, TubeScene
 
 

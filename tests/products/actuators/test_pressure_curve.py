@@ -33,7 +33,7 @@ from toros_fem.products.actuators.pressure import (
     trace_pressure_curve,
     write_curve,
 )
-from toros_fem.products.tables import ResultTable
+from toros_fem.products.common.tables import ResultTable
 from toros_fem.results.runs.frames import read_frames
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))

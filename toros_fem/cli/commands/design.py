@@ -24,7 +24,7 @@ from toros_fem.products.kinds import ABOUT
 if TYPE_CHECKING:
     from toros_fem.cli.scene_files import SceneFile
     from toros_fem.products.actuators.cost import Cost
-    from toros_fem.products.plausibility import Inflated
+    from toros_fem.products.common.plausibility import Inflated
 
 log = logging.getLogger(__name__)
 
@@ -190,7 +190,7 @@ class Check(SceneCommand, kw_only=True):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Read the scene, and find its cost (collective)."""
-        from toros_fem.products.plausibility import doubts
+        from toros_fem.products.common.plausibility import doubts
 
         scene = self.scene(comm)
         figures: dict[str, Any] = {

@@ -12,7 +12,7 @@ from toros_fem.base.files import require_unused
 from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command import Answer, Command
-from toros_fem.products.options import ForceOptions
+from toros_fem.products.common.options import ForceOptions
 
 
 class Force(Command, ForceOptions, kw_only=True):

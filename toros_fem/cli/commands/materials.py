@@ -19,7 +19,7 @@ from toros_fem.cli.command import Answer, Command
 from toros_fem.cli.process import UsageError
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.materials.library.material import MATERIAL_KINDS, LibraryMaterial
-from toros_fem.products.options import FitOptions
+from toros_fem.products.common.options import FitOptions
 
 if TYPE_CHECKING:
     from toros_fem.products.fitting.fit import FitResult

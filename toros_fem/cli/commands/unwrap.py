@@ -13,7 +13,7 @@ from toros_fem.base.files import guarded, if_plotting, require_unused, write_jso
 from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command import Answer, Command
-from toros_fem.products.options import Unwrapping
+from toros_fem.products.common.options import Unwrapping
 
 FILES = ("pattern.npz", "pattern.svg", "unwrap.png", "surface.vtu", "summary.json")
 

@@ -23,7 +23,7 @@ from toros_fem.meshes.triangles import (
     require_affordable,
     require_fewer,
 )
-from toros_fem.products.plausibility import target_doubts
+from toros_fem.products.common.plausibility import target_doubts
 
 if TYPE_CHECKING:  # a scene checks its cost before it is designed
     from toros_fem.products.actuators.scene import DesignScene, Level

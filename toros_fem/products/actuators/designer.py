@@ -43,7 +43,7 @@ from toros_fem.products.actuators.estimates import (
 )
 from toros_fem.products.actuators.pressure import trimmed, worst_of_print, write_curve
 from toros_fem.products.actuators.result import SearchRecord, SkinDesign
-from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
+from toros_fem.products.common.plausibility import doubts, target_doubts, warn_of_doubts
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.open_run import run_of

@@ -14,7 +14,7 @@ from toros_fem.measures.cross_sections import CrossSections, label_cross_section
 from toros_fem.measures.metrics import Metric, turn_angle
 from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.tables import Orientation
+from toros_fem.products.common.tables import Orientation
 
 # Cross-sections by which the angle of a leg is measured, and how many are in its outer third.
 CROSS_SECTIONS, OUTER_CROSS_SECTIONS = 12, 4

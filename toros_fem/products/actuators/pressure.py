@@ -26,7 +26,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import follow_pressures
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
-from toros_fem.products.tables import ResultTable
+from toros_fem.products.common.tables import ResultTable
 from toros_fem.results.runs.record import shown_skin, write_path
 from toros_fem.results.runs.stored_run import notes_at
 

@@ -32,8 +32,8 @@ from toros_fem.products.actuators.designer import Designer
 from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.result import SkinDesign, TrialResult
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
-from toros_fem.products.plausibility import Group, Inflated, with_lengths
-from toros_fem.products.tables import (
+from toros_fem.products.common.plausibility import Group, Inflated, with_lengths
+from toros_fem.products.common.tables import (
     DesignTable,
     LineTable,
     PressureTable,

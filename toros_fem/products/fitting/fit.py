@@ -18,6 +18,7 @@ from toros_fem.base.files import guarded, if_plotting, replace_file, write_json,
 from toros_fem.base.validation import Floats, checked_list, require_kind
 from toros_fem.materials.library.material import LENGTHS, LibraryMaterial
 from toros_fem.materials.sheet import Knit, Material, Threads
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.origin import from_rest
 from toros_fem.products.fitting.samples import (
     CONFIDENCE,
@@ -34,7 +35,6 @@ from toros_fem.products.fitting.samples import (
     samples_of,
 )
 from toros_fem.products.fitting.uniaxial import scales_of, tension
-from toros_fem.products.options import FitOptions
 
 # Title and SI unit of each constant.
 CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(

@@ -21,7 +21,7 @@ from toros_fem.base.validation import (
     require_choice,
     require_positive,
 )
-from toros_fem.products.options import BRANCHES, LOSSES, FitOptions
+from toros_fem.products.common.options import BRANCHES, LOSSES, FitOptions
 
 # A turn of the stretch smaller than this part of its range is noise.
 TURN = 0.15

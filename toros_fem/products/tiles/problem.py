@@ -40,7 +40,7 @@ from toros_fem.meshes.skin import sew
 from toros_fem.meshes.tiles import SYMMETRIES, Tile, tile
 from toros_fem.meshes.triangles import edges_of, following, linked
 from toros_fem.products.actuators.estimates import COARSER, COARSER_MESHES
-from toros_fem.products.tables import FilterTable, PrinterTable, Sheets
+from toros_fem.products.common.tables import FilterTable, PrinterTable, Sheets
 from toros_fem.products.tiles.stiffness_profile import (
     Profile,
     ProfileObjective,

@@ -39,7 +39,7 @@ from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.meshes.tiles import KINDS, SYMMETRIES, Tile
 from toros_fem.meshes.triangles import require_affordable
 from toros_fem.products.actuators.cost import Cost
-from toros_fem.products.plausibility import (
+from toros_fem.products.common.plausibility import (
     Group,
     doubts,
     sheet_groups,

@@ -15,9 +15,9 @@ from toros_fem.cli.scene_files import read_scene
 from toros_fem.design.density.filters import RESOLVED
 from toros_fem.meshes import cylinder
 from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.common.plausibility import RANGES, doubts, target_doubts
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh import OwnMeshScene, OwnSkin
-from toros_fem.products.plausibility import RANGES, doubts, target_doubts
 
 SCENES = sorted((ROOT / "demos" / "scenes").glob("*.toml"))
 
