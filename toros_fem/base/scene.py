@@ -55,6 +55,11 @@ class Scene(Table):
         return cls()
 
     @classmethod
+    def pose_keys(cls) -> dict[str, Key]:
+        """Return the keys that a further pose may have, by name; none where there are none."""
+        return {}
+
+    @classmethod
     def files(cls) -> dict[str, str]:
         """Return the files that a design or a simulation can take, with their help."""
         return {**cls.DESIGN_FILES, **cls.SIMULATION_FILES}

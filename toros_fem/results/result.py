@@ -240,7 +240,7 @@ class PrintedResult(RunResult):
                 self.intervals.get(metric.key),
                 self.tolerances.figure,
             )
-            for metric in self.problem.metrics
+            for metric in self.problem.all_metrics
         )
 
     @property
@@ -292,7 +292,7 @@ class PrintedResult(RunResult):
         first, last = (self.design.history[k].objective for k in (0, -1))
         designed = self.design.history[-1].metrics
         told = []
-        for metric, figure in zip(self.problem.metrics, self.metric_figures, strict=True):
+        for metric, figure in zip(self.problem.all_metrics, self.metric_figures, strict=True):
             beside = f" ({metric.formatted(designed[metric.key])} as designed)"
             told.append(figure.words + (beside if metric.key in designed else ""))
         steps = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"

@@ -37,7 +37,6 @@ from toros_fem.products.actuators.estimates import (
     MetricErrors,
     SimulatedPrint,
     is_held,
-    measures_of,
     metric_errors,
     simulated_on,
     values_at,
@@ -316,7 +315,7 @@ class Designer(DensityDesigner):
         comm, scene = self.comm, self.scene
         lines = scene.design.start == "relaxed"
         level = scene.density_level if lines else scene.finest_level
-        stored, case = read_print_polygons(comm, source), scene.case(comm, level)
+        stored, case = read_print_polygons(comm, source), scene.case_of_poses(comm, level)
         try:
             own = print_on(comm, case, stored.pattern, stored.regions, any_size=True)
         except PanelError as caught:
@@ -351,7 +350,7 @@ class Designer(DensityDesigner):
 
         def problems() -> Iterator[ShapeDesign]:
             for level in levels:
-                yield self.problem(scene.case(comm, level), level)
+                yield self.problem(scene.case_of_poses(comm, level), level)
 
         with self.reporter:
             made, others = self.over_levels(problems(), options, after)
@@ -447,7 +446,7 @@ class Designer(DensityDesigner):
         scene, design, level = self.scene, self.scene.design, self.scene.levels[0]
         best = best_start(
             self.comm,
-            lambda alone: scene.problem(alone, scene.case(alone, level), level),
+            lambda alone: scene.problem(alone, scene.case_of_poses(alone, level), level),
             scene.options[0],
             range(design.seed, design.seed + design.starts),
             self.journal,
@@ -657,10 +656,9 @@ class Designer(DensityDesigner):
         """Return the errors of the metrics of a print that has an equilibrium."""
         made, simulated = found.printed.evaluation, SimulatedPrint.of(found.printed)
         assert made is not None
-        problem = made.problem
-        assert isinstance(problem, ShapeDesign)
-        measures, whole = measures_of(problem, [*found.shape]), problem.whole.pattern
-        return metric_errors(self, self.scene.level_of_print, measures, simulated, whole, known)
+        whole, keys = made.problem.whole.pattern, [*made.metrics, *found.shape]
+        own, level = values_at(made, keys), self.scene.level_of_print
+        return metric_errors(self, level, own, simulated, whole, known)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""

@@ -92,13 +92,12 @@ def trimmed(
     for own, given, bounds in zip(at, problem.physics.pressures, ranges, strict=True):
         if own > 0:
             highest = min(highest, float(np.log((bounds[1] if bounds else given) / own)))
-    least, total = worst_figure(problem, _shape(made), tolerances), 0.0
+    least, total = _worst(made, tolerances), 0.0
     for _ in range(ROUNDS):
         if least <= ENOUGH or not highest > lowest:
             break
-        shape, motion = _shape(made), _motion(problem, made.equilibrium)
         steps = np.linspace(lowest, highest, SAMPLES) - total
-        promised = [worst_figure(problem, shape + step * motion, tolerances) for step in steps]
+        promised = np.max([_promised(one, steps, tolerances) for one in made.every], axis=0)
         best = int(np.argmin(promised))
         if promised[best] > PROMISING * least:
             break
@@ -109,7 +108,7 @@ def trimmed(
             )
         except NoEquilibriumError:  # raised by all ranks or by none
             break
-        worst = worst_figure(problem, _shape(other), tolerances)
+        worst = _worst(other, tolerances)
         if worst >= least:
             break
         made, least, total = other, worst, total + float(steps[best])
@@ -124,7 +123,24 @@ def worst_of_print(printed: PrintedDesign, tolerances: Tolerances = DEFAULT) -> 
     made = printed.evaluation
     if made is None or not isinstance(made.problem, ShapeProblem):
         return np.inf
-    return worst_figure(made.problem, _shape(made), tolerances)
+    return _worst(made, tolerances)
+
+
+def _worst(made: Evaluation[Equilibrium], tolerances: Tolerances) -> float:
+    """Return the worst figure of all poses."""
+    return max(worst_figure(_problem(one), _shape(one), tolerances) for one in made.every)
+
+
+def _promised(made: Evaluation[Equilibrium], steps: Floats, tolerances: Tolerances) -> list[float]:
+    """Return the worst figure of a pose where the logarithm of its pressures changes by steps."""
+    problem, shape = _problem(made), _shape(made)
+    motion = _motion(problem, made.equilibrium)
+    return [worst_figure(problem, shape + step * motion, tolerances) for step in steps]
+
+
+def _problem(made: Evaluation[Equilibrium]) -> ShapeProblem:
+    assert isinstance(made.problem, ShapeProblem)
+    return made.problem
 
 
 def _shape(made: Evaluation[Equilibrium]) -> Floats:
