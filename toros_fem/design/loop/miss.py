@@ -11,7 +11,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.design.loop.case import Case
-from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.measures.cross_sections import COUNTS, CrossSections, Rod, rod_of
 from toros_fem.measures.figures import DEFAULT, TOLERANCE, Tolerances, largest_part
@@ -78,7 +78,7 @@ def shape_of(made: Evaluation[Equilibrium] | None) -> dict[str, float]:
     return found
 
 
-def prefix_of(problem: ShapeProblem) -> str:
+def prefix_of(problem: DesignProblem[Equilibrium]) -> str:
     """Return what comes before the keys of a problem: the name of a further pose, or nothing."""
     name = problem.case.name if isinstance(problem, ShapeDesign) else None
     return "" if name is None else f"{name}_"

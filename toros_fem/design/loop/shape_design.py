@@ -434,7 +434,8 @@ def _require_poses(case: Case) -> None:
                 f"a pose has another pattern, of {len(pose.pattern.triangles)} triangles, than the "
                 f"first case, of {len(case.pattern.triangles)}; give all poses the same."
             )
-        if pose.composite != case.composite or tuple(pose.symmetry) != tuple(case.symmetry):
+        sheets = [one.composite or Composite() for one in (case, pose)]
+        if sheets[0] != sheets[1] or tuple(pose.symmetry) != tuple(case.symmetry):
             raise ParameterError(
                 "a pose has another composite or other symmetry planes than the first case: one "
                 "skin has one of each. Give all poses the same."

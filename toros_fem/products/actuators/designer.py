@@ -41,7 +41,12 @@ from toros_fem.products.actuators.estimates import (
     simulated_on,
     values_at,
 )
-from toros_fem.products.actuators.pressure import trimmed, worst_of_print, write_curve
+from toros_fem.products.actuators.pressure import (
+    doubts_of_poses,
+    trimmed,
+    worst_of_print,
+    write_curve,
+)
 from toros_fem.products.actuators.result import SearchRecord, SkinDesign
 from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
 from toros_fem.results.reporter import DesignReporter
@@ -496,9 +501,13 @@ class Designer(DensityDesigner):
         scene, folder, printed = self.scene, Path(self.output), found.printed
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
-        found = self._write(replace(found, curve=curve))
+        made = printed.evaluation
+        unreached = () if made is None or curve is None else doubts_of_poses(made)
+        found = self._write(replace(found, curve=curve, pose_doubts=unreached))
         if curve is not None and curve.doubt is not None and self.comm.rank == 0:
             log.warning("%s: it may not take the shape that is told", curve.doubt)
+        for doubt in unreached if self.comm.rank == 0 else ():
+            log.warning("%s: it may not take the shape that is told", doubt)
         summary, place = found.summary(), folder / FOLDER
 
         def make() -> None:

@@ -458,7 +458,9 @@ class ActuatorScene(DesignScene):
         """Return the keys that a further pose may have, by name."""
         tables = cls.tables()
         keys = [tables[name].described() for name in cls.POSE_TABLES if name in tables]
-        return {name: one for of in (Pose.described(), *keys) for name, one in of.items()}
+        found = {name: one for of in (Pose.described(), *keys) for name, one in of.items()}
+        found.pop("hold_pressure", None)  # pressures of poses are
+        return found
 
     def as_dict(self) -> dict[str, Any]:
         """Return all values by the names of their keys, with those of further poses."""
