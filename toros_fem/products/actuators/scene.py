@@ -438,7 +438,7 @@ class ActuatorScene(DesignScene):
 
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
     START_STRAIN: ClassVar[float] = START_STRAIN
-    POSE_TABLES: ClassVar[tuple[str, ...]] = ("target", "object", "pressure", "contact")
+    POSE_TABLES: ClassVar[tuple[str, ...]] = ("target", "object", "pressure", "load", "contact")
 
     def __post_init__(self) -> None:
         super().__post_init__()
