@@ -18,8 +18,8 @@ from toros_fem.base.mpi import require_comm
 
 # Order of tables in files.
 ORDER = (
-    "target", "object", "skin", "held", "printed", "plain", "material", "pressure", "load", "contact",
-    "pull", "objective", "metric", "design", "lines", "print", "results",
+    "target", "object", "skin", "held", "printed", "plain", "material", "pressure", "load",
+    "contact", "pull", "objective", "metric", "design", "lines", "print", "results",
 )  # fmt: skip
 # Marks a field of a scene that is no table of its file.
 NO_TABLE: Mapping[str, bool] = MappingProxyType({"outside": True})
