@@ -78,7 +78,8 @@ def test_the_objective_is_the_weighted_mean(comm: MPI.Comm, tube: Pattern) -> No
     case = three_poses(tube)
     together = ShapeDesign(comm, case, PLAIN)
     found = together.simulate(together.fields.start(3))
-    shapes, values = [], []
+    shapes: list[float] = []
+    values: list[float] = []
     for one in (replace(case, poses=()), *case.poses):
         alone = ShapeDesign(comm, one, PLAIN)
         made = alone.simulate(alone.fields.start(3))
@@ -140,7 +141,8 @@ def test_poses_are_carried_to_another_mesh(alone: MPI.Comm) -> None:
     warm = problem.simulate(density, start)
     assert warm.metrics == pytest.approx(problem.simulate(density).metrics, abs=1e-3)
     for begin, one in zip(start, warm.every, strict=True):
-        model, end = one.problem.physics.solver.model, one.equilibrium.positions
+        assert isinstance(one.problem, ShapeDesign)
+        model, end = one.problem.solver.model, one.equilibrium.positions
         way, whole = model.positions(begin) - end, model.positions(model.assembled) - end
         assert np.linalg.norm(way) < 0.5 * np.linalg.norm(whole)
 
