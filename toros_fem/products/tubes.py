@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import Flag, Length, OneOf, Place, Positive, Table, key
+from toros_fem.base.keys import Flag, In, Length, OneOf, Place, Positive, Table, key
 from toros_fem.base.validation import Floats
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
@@ -26,6 +26,7 @@ from toros_fem.measures.metrics import (
 )
 from toros_fem.measures.shape import Part
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_planes
+from toros_fem.mechanics.terms.loads import GRAVITY
 from toros_fem.meshes.pattern import Pattern, mirrored, require_symmetric_map
 from toros_fem.meshes.sheets import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.targets import Deformer, bend, compose, contract, twist
@@ -256,6 +257,23 @@ class BendTarget(Table):
         yield from skin.bend("angle", self.angle, length, skin.radius + self.neutral)
 
 
+class HungLoad(Table):
+    """What hangs from the tip. The tube lies and x points up, so that a bend lifts it."""
+
+    hung_mass: Annotated[float, In("kg", above=0)] | None = key(
+        None, "mass that hangs from the tip; none for none"
+    )
+
+    def force(self, pattern: Pattern, parts: int) -> Floats | None:
+        """Return dead forces in N on the vertices of one of some equal parts, (n, 3)."""
+        if self.hung_mass is None:
+            return None
+        tip, force = pattern.vertices_of(TIP), np.zeros_like(pattern.points)
+        areas = pattern.vertex_areas[tip]
+        force[tip, 0] = -self.hung_mass * GRAVITY / parts * areas / areas.sum()
+        return force
+
+
 class BendScene(TubeScene):
     """The bending tube.
 
@@ -266,6 +284,7 @@ class BendScene(TubeScene):
     """
 
     target: BendTarget = BendTarget()
+    load: HungLoad = HungLoad()
     skin: SymmetricTube = SymmetricTube()
     # With a perimeter: fewer islands, a shorter border, and nearer to the target
     # (docs/optimisation.md).
@@ -292,7 +311,9 @@ class BendScene(TubeScene):
         """Return half the tube, or the whole, and its target."""
         asked = self.target
         deform = bend(np.radians(asked.angle), self.skin.length, neutral=asked.neutral)
-        return self.tube_case(comm, level, deform, [bend_metric(asked.angle)], self.skin.planes)
+        metrics = [bend_metric(asked.angle)]
+        case = self.tube_case(comm, level, deform, metrics, self.skin.planes)
+        return replace(case, force=self.load.force(case.pattern, case.whole.parts))
 
 
 # --------------------------------------------------------------------------------- bend and twist

@@ -78,6 +78,12 @@ class Case:
         force: Dead forces in N on all assembled vertices, (n, 3).
         quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
             is in the lines of a print; None where none is.
+        poses: Further poses of the same skin and print: cases on the same pattern with pressures,
+            loads, supports and targets of their own. Pressures of poses are prescribed. The shape
+            part of T is the mean over all poses, weighted by `importance`.
+        importance: Weight of this pose.
+        name: Name of a further pose, an identifier, before the names of its metrics; None takes
+            "pose_2" and so on.
     """
 
     pattern: Pattern
@@ -99,6 +105,9 @@ class Case:
     contact: Contact | None = None
     force: Floats | None = None
     quadratic: Bools | None = None
+    poses: Sequence[Case] = ()
+    importance: float = 1.0
+    name: str | None = None
 
     @cached_property
     def whole(self) -> Mirrored:
@@ -196,7 +205,8 @@ class Case:
             moved = np.any(pattern.points != self.pattern.points, axis=1)
             there = make_transfer(self.pattern, pattern).positions(np.asarray(target))
             target = np.where(moved[:, None], there, target)
-        return replace(self, pattern=pattern, target=target)
+        poses = [pose.on(pattern) for pose in self.poses]
+        return replace(self, pattern=pattern, target=target, poses=poses)
 
     def refined(self) -> Case:
         """Return the same case on the refined pattern.
@@ -233,6 +243,7 @@ class Case:
             chambers=self.chambers and self.chambers.refined(finer),
             quadratic=None if self.quadratic is None else self.quadratic[finer.cell],
             force=None if force is None else carried_force(finer, np.asarray(force)),
+            poses=[pose.on_finer(finer) for pose in self.poses],
         )
 
     def _sum(self, nodes: Nodes, target: Floats) -> Objective:

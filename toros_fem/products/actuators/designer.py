@@ -36,12 +36,16 @@ from toros_fem.products.actuators.estimates import (
     MetricErrors,
     SimulatedPrint,
     is_held,
-    measures_of,
     metric_errors,
     simulated_on,
     values_at,
 )
-from toros_fem.products.actuators.pressure import trimmed, worst_of_print, write_curve
+from toros_fem.products.actuators.pressure import (
+    doubts_of_poses,
+    trimmed,
+    worst_of_print,
+    write_curve,
+)
 from toros_fem.products.actuators.result import SearchRecord, SkinDesign
 from toros_fem.products.common.plausibility import doubts, target_doubts, warn_of_doubts
 from toros_fem.results.reporter import DesignReporter
@@ -315,7 +319,7 @@ class Designer(DensityDesigner):
         comm, scene = self.comm, self.scene
         lines = scene.design.start == "relaxed"
         level = scene.density_level if lines else scene.finest_level
-        stored, case = read_print_polygons(comm, source), scene.case(comm, level)
+        stored, case = read_print_polygons(comm, source), scene.case_of_poses(comm, level)
         try:
             own = print_on(comm, case, stored.pattern, stored.regions, any_size=True)
         except PanelError as caught:
@@ -350,7 +354,7 @@ class Designer(DensityDesigner):
 
         def problems() -> Iterator[ShapeDesign]:
             for level in levels:
-                yield self.problem(scene.case(comm, level), level)
+                yield self.problem(scene.case_of_poses(comm, level), level)
 
         with self.reporter:
             made, others = self.over_levels(problems(), options, after)
@@ -446,7 +450,7 @@ class Designer(DensityDesigner):
         scene, design, level = self.scene, self.scene.design, self.scene.levels[0]
         best = best_start(
             self.comm,
-            lambda alone: scene.problem(alone, scene.case(alone, level), level),
+            lambda alone: scene.problem(alone, scene.case_of_poses(alone, level), level),
             scene.options[0],
             range(design.seed, design.seed + design.starts),
             self.journal,
@@ -496,9 +500,13 @@ class Designer(DensityDesigner):
         scene, folder, printed = self.scene, Path(self.output), found.printed
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
-        found = self._write(replace(found, curve=curve))
+        made = printed.evaluation
+        unreached = () if made is None or curve is None else doubts_of_poses(made)
+        found = self._write(replace(found, curve=curve, pose_doubts=unreached))
         if curve is not None and curve.doubt is not None and self.comm.rank == 0:
             log.warning("%s: it may not take the shape that is told", curve.doubt)
+        for doubt in unreached if self.comm.rank == 0 else ():
+            log.warning("%s: it may not take the shape that is told", doubt)
         summary, place = found.summary(), folder / FOLDER
 
         def make() -> None:
@@ -656,10 +664,9 @@ class Designer(DensityDesigner):
         """Return the errors of the metrics of a print that has an equilibrium."""
         made, simulated = found.printed.evaluation, SimulatedPrint.of(found.printed)
         assert made is not None
-        problem = made.problem
-        assert isinstance(problem, ShapeDesign)
-        measures, whole = measures_of(problem, [*found.shape]), problem.whole.pattern
-        return metric_errors(self, self.scene.level_of_print, measures, simulated, whole, known)
+        whole, keys = made.problem.whole.pattern, [*made.metrics, *found.shape]
+        own, level = values_at(made, keys), self.scene.level_of_print
+        return metric_errors(self, level, own, simulated, whole, known)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""

@@ -50,7 +50,7 @@ MOST_NAMED = 6
 # Part of the tested strain by which a skin may stretch further without a warning.
 BEYOND = 0.02
 # Series in the order of the page's sliders.
-SERIES = ("pressure", "iteration", "gait", "load")
+SERIES = ("pressure", "pose", "iteration", "gait", "load")
 # Columns of tables that hold no numbers: a sheet of tiles is pulled along x and y.
 WORDS = {"direction"}
 # Columns of a history that are drawn.
