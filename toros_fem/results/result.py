@@ -20,7 +20,7 @@ from toros_fem.base.validation import Floats, require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.miss import prefix_of
 from toros_fem.design.loop.options import LOST, Iteration, growth_of_miss
-from toros_fem.design.loop.shape_design import ShapeProblem
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.making.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall, verdict_of
 from toros_fem.measures.miss import shape_figures
@@ -322,18 +322,20 @@ class PrintedResult(RunResult):
         made = self.printed.evaluation
         if made is None or not made.poses:
             return {}
-        states = {prefix_of(one.problem).rstrip("_"): one.equilibrium for one in made.poses}
-        return {
-            "poses": {
-                name: {
-                    "pressures_pa": list(state.pressures),
-                    "volume_m3": self.problem.parts * state.volume,
-                    "stretch_use": state.stretch_use,
-                    "equilibrium": state.reason,
-                }
-                for name, state in states.items()
+        first = made.problem
+        found = {}
+        for one in made.poses:
+            problem, state = one.problem, one.equilibrium
+            assert isinstance(problem, ShapeDesign)
+            assert isinstance(first, ShapeDesign)
+            found[str(problem.case.name)] = {
+                "pressures_pa": list(state.pressures),
+                "volume_m3": problem.parts * state.volume,
+                "stretch_use": state.stretch_use,
+                "equilibrium": state.reason,
+                "on_the_curve": first.case.differs_in_pressure_alone(problem.case),
             }
-        }
+        return {"poses": found}
 
     def _pressures_at_bounds(self) -> list[str]:
         ranges = self.problem.physics.pressure_ranges

@@ -115,7 +115,13 @@ def test_a_run_tells_all_poses(
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert set(summary["poses"]) == {"pose_2", "loaded"}
     assert summary["inputs"]["poses"][1] == {"name": "loaded", "hung_mass": 5e-3}
-    frames = read_run(tmp_path).series["pose"]
+    # What hangs from the tip is on another path over the pressure.
+    run = read_run(tmp_path)
+    point, length = run.over_pressure(made.pressure).poses
+    assert (point.key, length.key) == ("angle_deg", "length_ratio")
+    assert point.pressure == pytest.approx(made.pressure / 2)
+    assert point.figure.target == 20
+    frames = run.series["pose"]
     assert [frame.number for frame in frames] == [1, 2, 3]
     assert len({frame.skin for frame in frames}) >= 2, "poses have targets of their own"
     assert (tmp_path / "poses.png").stat().st_size > 10_000

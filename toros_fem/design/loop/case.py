@@ -147,6 +147,21 @@ class Case:
         length = 1e3 * float(np.ptp(self.whole.pattern.points, axis=0).max())
         return (Metric("distance", "mm", 0.0, measure, length),)
 
+    def differs_in_pressure_alone(self, other: Case) -> bool:
+        """Return whether another pose is on the same path over the pressure: but for its target."""
+        force, supports = self._acting, self.supports
+        return (
+            np.array_equal(force, other._acting)
+            and np.array_equal(supports.fixed, other.supports.fixed)
+            and supports.displacement is other.supports.displacement
+            and (self.weight, self.contact) == (other.weight, other.contact)
+        )
+
+    @property
+    def _acting(self) -> Floats:
+        """Dead forces in N on all assembled vertices, (n, 3)."""
+        return np.zeros_like(self.pattern.points) if self.force is None else np.asarray(self.force)
+
     def objective(self, skin: Skin) -> Objective:
         """Return the objective on the sewn skin, the sum of its parts (collective).
 

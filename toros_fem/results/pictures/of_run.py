@@ -119,14 +119,17 @@ def draw_poses(figure: MplFigure, poses: Sequence[tuple[str, DrawnSkin, Floats]]
     Each has its name, its skin with the target, and positions of all vertices, (n, 3), in m.
     """
     placed = [drawn.skin.placed(positions) for _, drawn, positions in poses]
+    targets = [drawn.skin.wanted(x) for (_, drawn, _), x in zip(poses, placed, strict=True)]
+    scenes = [drawn.surfaces(x) for (_, drawn, _), x in zip(poses, placed, strict=True)]
+    # All have one scale, and their bases are at one height.
+    framed = [one.points for surfaces in scenes for one in surfaces]
+    framed += [target for target in targets if target is not None]
     view, width = inflation_view(poses[0][1], placed[0]), 0.98 / len(poses)
-    for k, ((name, drawn, _), points) in enumerate(zip(poses, placed, strict=True)):
-        box, target = (0.01 + k * width, 0.02, 0.96 * width, 0.80), drawn.skin.wanted(points)
-        surfaces = drawn.surfaces(points)
-        framed = [one.points for one in surfaces] + ([] if target is None else [target])
+    for k, (name, drawn, _) in enumerate(poses):
+        box = 0.01 + k * width, 0.02, 0.96 * width, 0.80
         stage = Axonometry(figure, box, view, np.concatenate(framed))
-        stage.draw(surfaces)
-        if target is not None:
+        stage.draw(scenes[k])
+        if (target := targets[k]) is not None:
             stage.outline(drawn, target)
         stage.bar()
         figure.text(box[0] + box[2] / 2, 0.85, name, ha="center", color=SOFT)
