@@ -16,8 +16,10 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.keys import In, Place, Table, key
+from toros_fem.design.loop.blocked import Blocked
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
+from toros_fem.mechanics.paths.rigid_panels import pose_of_panel
 from toros_fem.mechanics.terms.loads import GRAVITY
 from toros_fem.meshes.makers.sheets import TIP
 from toros_fem.meshes.pattern import Pattern
@@ -26,6 +28,9 @@ from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated, bend_strain
 from toros_fem.products.tables.steps import BendAngle, DesignTable, bend_key
 from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric
+
+# Components of a blocked tip's pose that are free: it slides along z, and turns about y.
+SLIDES_AND_TURNS = (False, False, True, False, True, False)
 
 
 class BendTarget(Table):
@@ -45,12 +50,22 @@ class BendTarget(Table):
         yield from skin.bend("angle", self.angle, length, skin.radius + self.neutral)
 
 
-class HungLoad(Table):
-    """What hangs from the tip. The tube lies and x points up, so that a bend lifts it."""
+class TipLoad(Table):
+    """What acts on the tip. The tube lies and x points up, so that a bend lifts it."""
 
     hung_mass: Annotated[float, In("kg", above=0)] | None = key(
         None, "mass that hangs from the tip; none for none"
     )
+    blocked_angle: Annotated[float, In("deg", above=0, at_most=180)] | None = key(
+        None,
+        "of a further pose: angle of the bend that takes the tip where it is held along x; it may "
+        "slide along z and turn; none leaves it free",
+    )
+    blocked_force: Annotated[float, In("N", above=0)] = key(
+        1.0, "force along x with which the tip shall push where it is held"
+    )
+
+    NEEDS: ClassVar = {"blocked_force": ("blocked_angle", ())}
 
     def force(self, pattern: Pattern, parts: int) -> Floats | None:
         """Return dead forces in N on the vertices of one of some equal parts, (n, 3)."""
@@ -61,12 +76,21 @@ class HungLoad(Table):
         force[tip, 0] = -self.hung_mass * GRAVITY / parts * areas / areas.sum()
         return force
 
+    def blocked(self, pattern: Pattern, neutral: float) -> Blocked | None:
+        """Return the blocked tip, whose push is the goal; None where it is free."""
+        if self.blocked_angle is None:
+            return None
+        length = float(np.ptp(pattern.points[:, 2]))
+        bent = bend(np.radians(self.blocked_angle), length, neutral=neutral)(pattern.points)
+        pose = pose_of_panel(pattern, TIP, bent)
+        return Blocked(TIP, tuple(pose), (1.0, 0.0, 0.0), self.blocked_force, SLIDES_AND_TURNS)
+
 
 class BendScene(TubeScene):
     """The bending tube."""
 
     target: BendTarget = BendTarget()
-    load: HungLoad = HungLoad()
+    load: TipLoad = TipLoad()
     skin: SymmetricTube = SymmetricTube()
     # With a perimeter: fewer islands, a shorter border, and nearer to the target
     # (docs/optimisation.md).
@@ -95,4 +119,8 @@ class BendScene(TubeScene):
         deform = bend(np.radians(asked.angle), self.skin.length, neutral=asked.neutral)
         metrics = [bend_metric(asked.angle)]
         case = self.tube_case(comm, level, deform, metrics, self.skin.planes)
-        return replace(case, force=self.load.force(case.pattern, case.whole.parts))
+        return replace(
+            case,
+            force=self.load.force(case.pattern, case.whole.parts),
+            blocked=self.load.blocked(case.pattern, asked.neutral),
+        )
