@@ -12,6 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.keys import Flag, In, Length, OneOf, Place, Positive, Table, key
 from toros_fem.base.validation import Floats
 from toros_fem.design.lines.field import LineOptions
+from toros_fem.design.loop.blocked import Blocked
 from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Bending
 from toros_fem.measures.cross_sections import label_cross_sections
@@ -25,6 +26,7 @@ from toros_fem.measures.metrics import (
     twist_angle,
 )
 from toros_fem.measures.shape import Part
+from toros_fem.mechanics.paths.rigid_panels import pose_of_panel
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_planes
 from toros_fem.mechanics.terms.loads import GRAVITY
 from toros_fem.meshes.pattern import Pattern, mirrored, require_symmetric_map
@@ -56,6 +58,8 @@ HELICES = 0.78
 # Number of lines along the tube, if the length is kept. It bends about a single one, and about two
 # in a plane; more of them hold the helices more.
 ALONG = 3
+# Components of a blocked tip's pose that are free: it slides along z, and turns about y.
+SLIDES_AND_TURNS = (False, False, True, False, True, False)
 
 
 class Tube(Table):
@@ -257,12 +261,22 @@ class BendTarget(Table):
         yield from skin.bend("angle", self.angle, length, skin.radius + self.neutral)
 
 
-class HungLoad(Table):
-    """What hangs from the tip. The tube lies and x points up, so that a bend lifts it."""
+class TipLoad(Table):
+    """What acts on the tip. The tube lies and x points up, so that a bend lifts it."""
 
     hung_mass: Annotated[float, In("kg", above=0)] | None = key(
         None, "mass that hangs from the tip; none for none"
     )
+    blocked_angle: Annotated[float, In("deg", above=0, at_most=180)] | None = key(
+        None,
+        "of a further pose: angle of the bend that takes the tip where it is held along x; it may "
+        "slide along z and turn; none leaves it free",
+    )
+    blocked_force: Annotated[float, In("N", above=0)] = key(
+        1.0, "force along x with which the tip shall push where it is held"
+    )
+
+    NEEDS: ClassVar = {"blocked_force": ("blocked_angle", ())}
 
     def force(self, pattern: Pattern, parts: int) -> Floats | None:
         """Return dead forces in N on the vertices of one of some equal parts, (n, 3)."""
@@ -272,6 +286,15 @@ class HungLoad(Table):
         areas = pattern.vertex_areas[tip]
         force[tip, 0] = -self.hung_mass * GRAVITY / parts * areas / areas.sum()
         return force
+
+    def blocked(self, pattern: Pattern, neutral: float) -> Blocked | None:
+        """Return the blocked tip, whose push is the goal; None where it is free."""
+        if self.blocked_angle is None:
+            return None
+        length = float(np.ptp(pattern.points[:, 2]))
+        bent = bend(np.radians(self.blocked_angle), length, neutral=neutral)(pattern.points)
+        pose = pose_of_panel(pattern, TIP, bent)
+        return Blocked(TIP, tuple(pose), (1.0, 0.0, 0.0), self.blocked_force, SLIDES_AND_TURNS)
 
 
 class BendScene(TubeScene):
@@ -284,7 +307,7 @@ class BendScene(TubeScene):
     """
 
     target: BendTarget = BendTarget()
-    load: HungLoad = HungLoad()
+    load: TipLoad = TipLoad()
     skin: SymmetricTube = SymmetricTube()
     # With a perimeter: fewer islands, a shorter border, and nearer to the target
     # (docs/optimisation.md).
@@ -313,7 +336,11 @@ class BendScene(TubeScene):
         deform = bend(np.radians(asked.angle), self.skin.length, neutral=asked.neutral)
         metrics = [bend_metric(asked.angle)]
         case = self.tube_case(comm, level, deform, metrics, self.skin.planes)
-        return replace(case, force=self.load.force(case.pattern, case.whole.parts))
+        return replace(
+            case,
+            force=self.load.force(case.pattern, case.whole.parts),
+            blocked=self.load.blocked(case.pattern, asked.neutral),
+        )
 
 
 # --------------------------------------------------------------------------------- bend and twist

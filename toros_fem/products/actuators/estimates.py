@@ -408,5 +408,7 @@ def values_at(made: Evaluation[Equilibrium], keys: Sequence[str]) -> MeshValues:
     values: dict[str, float] = {}
     for one in made.every:
         assert isinstance(one.problem, ShapeDesign)
+        own = one.problem.metrics_of(one.equilibrium)
+        values |= {key: value for key, value in own.items() if key in keys}
         values |= values_of(*_shape(one), measures_of(one.problem, keys)).values
     return MeshValues(*_shape(made), values)
