@@ -225,13 +225,13 @@ class FitResult:
     @property
     def r2_stress(self) -> float:
         """Coefficient of determination of the stress."""
-        return _r_squared(self.samples.stress, self.stress)
+        return r_squared(self.samples.stress, self.stress)
 
     @property
     def r2_lateral(self) -> float | None:
         """Coefficient of determination of the lateral stretch; None if it was not measured."""
         seen = np.isfinite(self.samples.lateral)
-        return _r_squared(self.samples.lateral[seen], self.lateral[seen]) if seen.any() else None
+        return r_squared(self.samples.lateral[seen], self.lateral[seen]) if seen.any() else None
 
     @property
     def measured_to(self) -> float:
@@ -363,7 +363,7 @@ class FitResult:
         }
 
 
-def _r_squared(measured: Floats, model: Floats) -> float:
+def r_squared(measured: Floats, model: Floats) -> float:
     """Return 1 − Σ residual²/Σ (measured − mean)²; −∞ of constant data that are missed."""
     missed = float(np.sum((measured - model) ** 2))
     spread = float(np.sum((measured - measured.mean()) ** 2))
