@@ -8,6 +8,7 @@ from typing import Annotated
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Flag, In, Number, OneOf, Stretch, Table, Text, key
+from toros_fem.materials.library.material import MATERIAL_KINDS
 
 # Branches of the load cycles of a test, and losses of residuals with scipy's names.
 BRANCHES = ("last-loading", "first-loading", "last-unloading", "all")
@@ -20,6 +21,9 @@ OFFSETS = ("ask", "preload", "untared")
 class FitOptions(Table):
     """How a material is fitted to tensile tests."""
 
+    kind: Annotated[str, OneOf(MATERIAL_KINDS)] = key(
+        "fabric", "what it is: fabric and print follow eq. (1), a rubber Yeoh's law"
+    )
     branch: Annotated[str, OneOf(BRANCHES)] = key(
         "last-loading", "branch of the load cycles that is fitted"
     )

@@ -21,10 +21,9 @@ import numpy as np
 from mpi4py import MPI
 from scipy.special import stdtrit
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import FileError, NoEquilibriumError, ParameterError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
-from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.scene import Scene
 from toros_fem.base.toml_file import read_text
 from toros_fem.base.units import DIMENSIONS, read_quantity, spelt
@@ -48,14 +47,18 @@ MOST_STEPS, HALVINGS = 30, 6
 LARGEST_STEP = 0.3
 # A step ends the iteration where it is this part of the standard errors; constants are held where
 # it is the second part: by then it is clear which ones the readings do not tell.
-ENOUGH, NEARLY = 0.01, 0.3
+ENOUGH, NEARLY = 0.03, 0.3
 # Two constants that are correlated more are not told apart.
 ALIKE = 0.95
-# Step of an unknown for the derivative of the residual, and smallest standard deviation of readings
-# over the largest of their column.
+# Step of an unknown for the derivative of the residual, and the smallest standard deviation of
+# readings over the largest of their column.
 DIFFERENCE, EXACT = 1e-5, 1e-6
-# Change of a constant that is held, by which others are told to change.
-SHARE = 0.1
+# Factor by which a constant that is held may be off; of a bound its strain.
+HELD = 1.2
+LIMITS = (
+    "Thicknesses are those of the scene: an inflated skin tells E h. Intervals are of the scatter "
+    "of the readings, not of sizes, pressure gauge or mesh."
+)
 _HEADER = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]")
 
 
@@ -116,18 +119,29 @@ class Readings:
 class Inflated:
     """A skin that was inflated: a plain tube, or an actuator with its print (collective).
 
+    Args:
+        scene: Sizes, mesh, and the constants to start from.
+        pattern: Print of an actuator: folder of a design, its pattern, or a drawing.
+
+    Raises:
+        ParameterError: The scene is of no skin that is inflated.
+        TorosError: The print cannot be read, or does not fit.
+
     Attributes:
         scene: Its sizes, its mesh, and the constants from which a fit starts.
         metrics: What may be measured of it.
+        printed: Whether it has a print.
         simulations: Number of paths that were simulated.
     """
 
     def __init__(self, comm: MPI.Comm, scene: Scene, pattern: Path | str | None = None) -> None:
-        self.comm, self.scene, self.simulations = comm, scene, 0
+        self.scene, self.printed, self.simulations = scene, pattern is not None, 0
         self._further: dict[str, Any] = {}
+        self._first: tuple[Any, _Path] | None = None
         if isinstance(scene, InflateScene):
-            sheet, density = scene.skin, scene.material.seams
-            plane, supports, density = plain_tube(comm, sheet, scene.planes, seams=density)
+            plane, supports, density = plain_tube(
+                comm, scene.skin, scene.planes, seams=scene.material.seams
+            )
             self.metrics = [metric.of_whole(scene.planes) for metric in METRICS]
         elif isinstance(scene, ActuatorScene):
             case, _, density, _ = case_to_simulate(comm, scene, pattern)
@@ -143,9 +157,9 @@ class Inflated:
         self._skin, self._supports = sew(comm, plane), supports
         self._density = density[self._skin.owned_cells]
 
-    def constants(self, readings: Readings, *, printed: bool) -> list[str]:
+    def constants(self, readings: Readings) -> list[str]:
         """Return the constants that readings may tell."""
-        if printed:
+        if self.printed:
             return ["reinforcement_young", "fabric_young"]
         both = {"radius_percent", "length_percent"} <= readings.values.keys()
         names = ["fabric_young", "c1", "c2", "poisson"]
@@ -176,17 +190,34 @@ class Inflated:
         scene: Any = self.scene.updated(**self.keys(constants))
         return self._skin, scene.material.composite, self._supports
 
-    def path(self, pressures: Floats, constants: Mapping[str, float]) -> _Path:
-        """Return the equilibria at pressures (collective).
+    def path(
+        self, pressures: Floats, constants: Mapping[str, float], starts: Sequence[Floats] = ()
+    ) -> _Path:
+        """Return the equilibria at pressures, from states near to them if there are (collective).
 
         Raises:
             EquilibriumError: The path cannot be followed to its end.
         """
         self.simulations += 1
         solver = EquilibriumSolver(*self._parts(constants), **self._further)
-        levels = [*map(float, np.unique(pressures))]
-        points = list(trace(solver, self._density, levels, self.metrics))
-        return _Path(solver, [p.result for p in points], [p.metrics for p in points])
+        levels, results = [*map(float, np.unique(pressures))], list[Equilibrium]()
+        with suppress(EquilibriumError, ParameterError):  # raised by all ranks or by none
+            for level, start in zip(levels, starts, strict=False):
+                results.append(solver.solve(self._density, level, start))
+        if len(results) < len(levels):
+            results = [point.result for point in trace(solver, self._density, levels)]
+        pattern, values = self._skin.pattern, list[dict[str, float]]()
+        for result in results:
+            at = solver.positions(result)
+            values.append({metric.key: metric.value(pattern, at) for metric in self.metrics})
+        return _Path(solver, results, values)
+
+    def first(self, pressures: Floats, constants: Mapping[str, float]) -> _Path:
+        """Return the path that a fit starts from; several fits share it (collective)."""
+        asked = pressures.tobytes(), constants
+        if self._first is None or self._first[0] != asked:
+            self._first = asked, self.path(pressures, constants)
+        return self._first[1]
 
     def measured(self, pressures: Floats, constants: Mapping[str, float]) -> dict[str, Floats]:
         """Return the simulated readings by the key of their metric, (n,) each (collective)."""
@@ -194,26 +225,30 @@ class Inflated:
         where = np.unique(pressures, return_inverse=True)[1]
         return {m.key: np.array([v[m.key] for v in path.values])[where] for m in self.metrics}
 
-    def slopes(self, path: _Path, changed: Sequence[Mapping[str, float]], keys: Sequence[str]) -> Floats:
+    def slopes(
+        self, path: _Path, changed: Sequence[Mapping[str, float]], keys: Sequence[str]
+    ) -> tuple[Floats, list[Floats]]:
         """Return by how much readings change with the constants, (p, k, n) (collective).
+
+        The second are the changes of the states, (p, unknowns) at each pressure.
 
         Args:
             changed: Constants of which one differs by `DIFFERENCE` in its logarithm.
         """
         models = [make_model(*self._parts(values), **self._further) for values in changed]
-        metrics = [metric for metric in self.metrics if metric.key in keys]
-        order = [[m.key for m in metrics].index(key) for key in keys]
-        rows = []
+        metrics = {metric.key: metric for metric in self.metrics}
+        rows, ways = [], []
         for point, values in zip(path.results, path.values, strict=True):
-            at_rest = np.array([values[metric.key] for metric in metrics])
-            for model in models:
+            way = np.empty((len(models), len(point.state)))
+            for k, model in enumerate(models):
                 model.set_density(point.density)
                 model.set_load(point.load)
-                way = path.solver.solve_tangent(-model.residual(point.state), point)
-                moved = self._skin.gather_vertices(model.positions(point.state + way))
-                seen = [m.value(self._skin.pattern, moved) for m in metrics]
-                rows.append((np.array(seen) - at_rest)[order] / DIFFERENCE)
-        return np.moveaxis(np.array(rows).reshape(len(path.results), len(models), -1), 0, 2)
+                way[k] = path.solver.solve_tangent(-model.residual(point.state), point)
+                moved = self._skin.gather_vertices(model.positions(point.state + way[k]))
+                seen = [metrics[key].value(self._skin.pattern, moved) - values[key] for key in keys]
+                rows.append(np.array(seen) / DIFFERENCE)
+            ways.append(way / DIFFERENCE)
+        return np.moveaxis(np.array(rows).reshape(len(ways), len(models), -1), 0, 2), ways
 
 
 class _Path(NamedTuple):
@@ -231,8 +266,7 @@ class InflationFit:
     Attributes:
         estimates: Constants that the readings tell, by name.
         keys: The same as keys of a scene.
-        held: Why constants are held at the value of the scene, as sentences by name.
-        values: Those values.
+        held: Constants that are held at the value of the scene: this, and why.
         correlations: Of the constants that are told, (p, p).
         fitted: Simulated readings, by the key of their metric.
         simulations: Number of paths that were simulated.
@@ -240,8 +274,7 @@ class InflationFit:
 
     estimates: Mapping[str, Estimate]
     keys: Mapping[str, float]
-    held: Mapping[str, str]
-    values: Mapping[str, float]
+    held: Mapping[str, tuple[float, str]]
     correlations: Floats
     readings: Readings
     fitted: Mapping[str, Floats]
@@ -261,7 +294,7 @@ class InflationFit:
         return {
             "estimates": {name: asdict(one) for name, one in self.estimates.items()},
             "keys": dict(self.keys),
-            "held": {n: {"value": self.values[n], "reason": self.held[n]} for n in self.held},
+            "held": {n: {"value": value, "reason": why} for n, (value, why) in self.held.items()},
             "correlations": self.correlations.tolist(),
             **{f"r2_{key}": value for key, value in self.quality().items()},
             "points": len(self.readings.pressures),
@@ -277,7 +310,8 @@ class InflationFit:
             if unit == "Pa":
                 factor, unit = (1e-6, "MPa") if one.value >= 1e6 else (1e-3, "kPa")
             interval = f"{factor * one.low:.4g} … {factor * one.high:.4g} {unit}"
-            lines.append(f"{CONSTANTS[name].title:30}{factor * one.value:12.4g}   {interval}".rstrip())
+            value = f"{CONSTANTS[name].title:30}{factor * one.value:12.4g}"
+            lines.append(f"{value}   {interval}".rstrip())
         lines += [
             "R²: " + ", ".join(f"{key} {value:.4f}" for key, value in self.quality().items()),
             f"{len(self.readings.pressures)} pressures, {self.simulations} simulations",
@@ -287,9 +321,7 @@ class InflationFit:
         return "\n".join(lines)
 
 
-def fit_inflation(
-    comm: MPI.Comm, scene: Scene, readings: Readings, pattern: Path | str | None = None
-) -> InflationFit:
+def fit_inflation(skin: Inflated, readings: Readings) -> InflationFit:
     """Fit the constants of an inflated skin to what was measured of it (collective).
 
     Of a plain tube these are Young's modulus, its ratio along over around where diameter and length
@@ -297,24 +329,16 @@ def fit_inflation(
     constant whose interval is wider than its value is held at that of the scene, and so is the
     latter of two that are correlated by more than 0.95.
 
-    Args:
-        scene: Sizes, mesh, and the constants to start from.
-        pattern: Print of an actuator: folder of a design, its pattern, or a drawing.
-
     Raises:
-        ParameterError: The scene has no such metric, or is of no skin that is inflated.
-        NoEquilibriumError: The skin cannot be simulated up to the last pressure.
+        ParameterError: The skin has no such metric.
+        NoEquilibriumError: It cannot be simulated up to the last pressure.
         FileError: The readings tell no constant.
     """
-    return fitted(Inflated(comm, scene, pattern), readings, printed=pattern is not None)
-
-
-def fitted(skin: Inflated, readings: Readings, *, printed: bool = False) -> InflationFit:
-    """Fit constants as `fit_inflation`, of a skin that may be fitted several times (collective)."""
+    keys = [metric.key for metric in skin.metrics]
     for key in readings.values:
-        if key not in (keys := [metric.key for metric in skin.metrics]):
+        if key not in keys:
             raise ParameterError(f"{key!r} is no metric of this skin; it has {', '.join(keys)}.")
-    search = _Search(skin, readings, skin.constants(readings, printed=printed))
+    search = _Search(skin, readings)
     search.run()
     return search.result()
 
@@ -322,13 +346,14 @@ def fitted(skin: Inflated, readings: Readings, *, printed: bool = False) -> Infl
 class _Search:
     """Least squares over the constants, of which some are held."""
 
-    def __init__(self, skin: Inflated, readings: Readings, names: list[str]) -> None:
-        self.skin, self.readings, self.names = skin, readings, names
-        self.before = skin.simulations
-        begins = [CONSTANTS[name].begin for name in names]
-        self.first = np.log([v - b for v, b in zip(skin.start(names).values(), begins, strict=True)])
+    def __init__(self, skin: Inflated, readings: Readings) -> None:
+        self.skin, self.readings, self.before = skin, readings, skin.simulations
+        self.names = names = skin.constants(readings)
+        self.first = np.log([v - CONSTANTS[name].begin for name, v in skin.start(names).items()])
+        self.most = np.log([CONSTANTS[name].most for name in names])
         self.theta, self.free = self.first.copy(), np.ones(len(names), dtype=bool)
         self.held: dict[str, str] = {}
+        self.path: _Path
         self.where = np.unique(readings.pressures, return_inverse=True)[1]
         self.seen = np.isfinite(readings.table)
 
@@ -339,11 +364,17 @@ class _Search:
             for name, at in zip(self.names, theta, strict=True)
         }
 
-    def simulated(self, theta: Floats) -> tuple[_Path, Floats]:
-        """Return the path of unknowns, and its readings, (k, n)."""
-        path = self.skin.path(self.readings.pressures, self.constants(theta))
+    def simulated(self, step: Floats) -> _Path:
+        """Return the path a step away, from states to which the derivatives lead."""
+        near = zip(self.path.results, self.ways, strict=True)
+        starts = [point.state + step @ way for point, way in near]
+        constants = self.constants(self.theta + step)
+        return self.skin.path(self.readings.pressures, constants, starts)
+
+    def of_path(self, path: _Path) -> Floats:
+        """Return the readings of a path, (k, n)."""
         values = [[point[key] for point in path.values] for key in self.readings.values]
-        return path, np.array(values)[:, self.where]
+        return np.array(values)[:, self.where]
 
     def deviations(self, residuals: Floats) -> Floats:
         """Return the standard deviation of the readings of each column, (k, 1)."""
@@ -352,46 +383,46 @@ class _Search:
         largest = np.nanmax(np.abs(self.readings.table), axis=1)
         return np.maximum(np.sqrt(squares / max(left, 0.1)), EXACT * largest)[:, None]
 
-    def squares(self, values: Floats, sigma: Floats) -> float:
+    def squares(self, path: _Path) -> float:
         """Return half the sum of squares of residuals over their deviations."""
-        residuals = (self.readings.table - values) / sigma
+        residuals = (self.readings.table - self.of_path(path)) / self.sigma
         return float(np.sum(residuals[self.seen] ** 2) / 2)
 
     def run(self) -> None:
         """Find the constants, and hold those that the readings do not tell."""
         try:
-            path, values = self.simulated(self.theta)
+            self.path = self.skin.first(self.readings.pressures, self.constants(self.first))
         except EquilibriumError as caught:
             raise NoEquilibriumError(
                 f"with the constants of the scene the skin has no equilibrium at each pressure: "
                 f"{caught} Begin with others, a stiffer fabric for instance."
             ) from None
         for _ in range(MOST_STEPS):
-            self.linearise(path, values)
+            self.linearise()
             step = np.zeros(len(self.theta))
             step[self.free] = self.covariance @ (self.jacobian.T @ self.residuals)[self.free]
             size = np.abs(step[self.free]) / np.sqrt(np.diag(self.covariance))
-            if size.max() < NEARLY and (place := self.untold()) is not None:
-                path, values = self.hold(place)
-                continue
-            if size.max() < ENOUGH:
+            stuck = self.free & (self.theta >= self.most) & (step > 0)
+            untold = self.untold(stuck) if size.max() < NEARLY or stuck.any() else None
+            if untold is not None:
+                self.hold(untold)
+            elif size.max() < ENOUGH or not self.moved(
+                step * min(1.0, LARGEST_STEP / np.abs(step).max())
+            ):
                 break
-            further = self.moved(step * min(1.0, LARGEST_STEP / np.abs(step).max()), values)
-            if further is None:
-                break
-            path, values = further
 
-    def linearise(self, path: _Path, values: Floats) -> None:
+    def linearise(self) -> None:
         """Find the derivatives of the readings at the unknowns, over their deviations."""
         changed = []
         for k in range(len(self.theta)):
             further = self.theta.copy()
             further[k] += DIFFERENCE
             changed.append(self.constants(further))
-        slopes = self.skin.slopes(path, changed, [*self.readings.values])[:, :, self.where]
-        residuals = self.readings.table - values
-        self.values, self.sigma = values, self.deviations(residuals)
-        self.jacobian = np.array([(slope / self.sigma)[self.seen] for slope in slopes]).T
+        slopes, self.ways = self.skin.slopes(self.path, changed, [*self.readings.values])
+        residuals = self.readings.table - self.of_path(self.path)
+        self.sigma = self.deviations(residuals)
+        of_readings = slopes[:, :, self.where] / self.sigma
+        self.jacobian = of_readings[:, self.seen].T
         self.residuals = (residuals / self.sigma)[self.seen]
 
     @property
@@ -400,43 +431,48 @@ class _Search:
         of_free = self.jacobian[:, self.free]
         return np.asarray(np.linalg.pinv(of_free.T @ of_free, hermitian=True))
 
-    def moved(self, step: Floats, values: Floats) -> tuple[_Path, Floats] | None:
-        """Take as much of a step as makes the squares smaller; None where none does."""
-        before = self.squares(values, self.sigma)
-        most = np.log([CONSTANTS[name].most for name in self.names])
+    def moved(self, step: Floats) -> bool:
+        """Take as much of a step as makes the squares smaller; return whether some does."""
+        before = self.squares(self.path)
         for part in 0.5 ** np.arange(HALVINGS):
-            theta = np.minimum(self.theta + part * step, most)
+            way = np.minimum(part * step, self.most - self.theta)
             with suppress(EquilibriumError):  # raised by all ranks or by none
-                further = self.simulated(theta)
-                if self.squares(further[1], self.sigma) < before:
-                    self.theta = theta
-                    return further
-        return None
+                path = self.simulated(way)
+                if self.squares(path) < before:
+                    self.theta, self.path = self.theta + way, path
+                    return True
+        return False
 
-    def hold(self, place: int) -> tuple[_Path, Floats]:
+    def hold(self, place: int) -> None:
         """Hold a constant at its first value, and let the others follow as they tell."""
         self.free[place] = False
         step = np.zeros(len(self.theta))
         step[place] = self.first[place] - self.theta[place]
         left = self.residuals - self.jacobian @ step
         step[self.free] = self.covariance @ (self.jacobian.T @ left)[self.free]
-        self.theta = self.theta + step
         try:
-            return self.simulated(self.theta)
+            self.path = self.simulated(step)
+            self.theta = self.theta + step
         except EquilibriumError:
             self.theta = self.first.copy()
-            return self.simulated(self.theta)
+            self.path = self.skin.first(self.readings.pressures, self.constants(self.first))
 
-    def untold(self) -> int | None:
-        """Return the last constant that the readings do not tell, and note why; None without."""
+    def untold(self, stuck: Bools) -> int | None:
+        """Return the last constant that the readings do not tell, and note why; None without.
+
+        Those that are stuck at their largest value are not told.
+        """
         covariance = self.covariance
         error = np.sqrt(np.diag(covariance))
         alike = np.abs(covariance / np.outer(error, error))
         names = [name for name, free in zip(self.names, self.free, strict=True) if free]
         for k in reversed(range(len(names))):
             half, why = min(self.student * error[k], 50.0), ""
-            if 2 * np.sinh(half) > 1:
-                why = f"its interval would reach from 1/{np.exp(half):.2g} to {np.exp(half):.2g} times it"
+            if stuck[self.free][k]:
+                why = f"the readings ask for more than {CONSTANTS[names[k]].most}"
+            elif 2 * np.sinh(half) > 1:
+                factor = f"{np.exp(half):.2g}"
+                why = f"its interval would reach from 1/{factor} to {factor} times it"
             elif k and alike[k, :k].max() > ALIKE:
                 other = names[int(alike[k, :k].argmax())]
                 why = f"it is correlated with {other} by {alike[k, :k].max():.3f}"
@@ -459,46 +495,35 @@ class _Search:
         return float(stdtrit(left, 0.5 + CONFIDENCE / 2) * np.sqrt((1 + rho) / (1 - rho)))
 
     def result(self) -> InflationFit:
-        """Return the constants with their intervals."""
+        """Return the constants with their intervals.
+
+        A constant that is held may be off by `HELD`, and the others move with it.
+        """
         covariance, free = self.covariance, self.free
-        error = np.sqrt(np.diag(covariance))
+        gains = -covariance @ self.jacobian[:, free].T @ self.jacobian[:, ~free]
+        whole = self.student**2 * covariance + np.log(HELD) ** 2 * gains @ gains.T
         half = np.zeros(len(free))
-        half[free] = self.student * error
-        values, ends = self.constants(self.theta), (self.theta - half, self.theta + half)
-        low, high = (self.constants(end) for end in ends)
+        half[free] = np.sqrt(np.diag(whole))
+        values, low, high = map(self.constants, (self.theta, self.theta - half, self.theta + half))
         names = [name for name in self.names if name not in self.held]
-        columns = [*self.readings.values]
+        error = np.sqrt(np.diag(covariance))
+        remarks = [
+            f"{name} is not told, and held at {values[name]:.4g}: {self.held[name]}. Intervals "
+            f"allow for {HELD - 1:.0%} more or less of it."
+            for name in self.names
+            if name in self.held
+        ]
         return InflationFit(
             estimates={
                 n: Estimate(values[n], low[n], high[n], True, CONSTANTS[n].unit) for n in names
             },
             keys=self.skin.keys(values),
-            held=self.held,
-            values=values,
+            held={name: (values[name], why) for name, why in self.held.items()},
             correlations=covariance / np.outer(error, error),
             readings=self.readings,
-            fitted=dict(zip(columns, self.values, strict=True)),
+            fitted=dict(zip(self.readings.values, self.of_path(self.path), strict=True)),
             simulations=self.skin.simulations - self.before,
-            remarks=[*self._remarks(values, names)],
-        )
-
-    def _remarks(self, values: Mapping[str, float], names: Sequence[str]) -> Iterator[str]:
-        """Yield what the readings cannot tell, as sentences."""
-        jacobian = self.jacobian
-        for name, why in self.held.items():
-            moved = -self.covariance @ (jacobian[:, self.free].T @ jacobian[:, self.names.index(name)])
-            part = SHARE * (values[name] - CONSTANTS[name].begin)
-            changes = ", ".join(
-                f"{other} by {100 * change * SHARE * (1 - CONSTANTS[other].begin / values[other]):+.2g} %"
-                for other, change in zip(names, moved, strict=True)
-            )
-            yield (
-                f"{name} is not told, and held at {values[name]:.4g}: {why}. If it is "
-                f"{values[name] + part:.4g}, this changes {changes}."
-            )
-        yield (
-            "Thicknesses are those of the scene: an inflated skin tells E h. Intervals are of the "
-            "readings' scatter, not of sizes, pressure gauge or mesh."
+            remarks=[*remarks, LIMITS],
         )
 
 
@@ -523,7 +548,8 @@ def read_inflation(path: Path | str, scene: Scene, metrics: Sequence[Metric]) ->
     rows = {k: next(csv.reader([line], delimiter=mark)) for k, line in lines.items()}
     columns = dict(_columns(rows.pop(begin), scene, metrics))
     if "pressure" not in [key for key, _ in columns.values()] or len(columns) < 2:
-        known = ", ".join([*(["diameter [mm]"] if _sizes(scene) else []), *(m.key for m in metrics)])
+        sizes = ["diameter [mm]"] if _sizes(scene) else []
+        known = ", ".join([*sizes, *(metric.key for metric in metrics)])
         raise FileError(
             f"{path}, line {begin}: a column 'pressure [kPa]' is needed, and one of {known}; the "
             f"header has {lines[begin].strip()}.", path, begin,
@@ -597,7 +623,8 @@ def write_inflation(comm: MPI.Comm, folder: Path | str, result: InflationFit) ->
     columns = {"pressure_pa": readings.pressures}
     for key, values in readings.values.items():
         columns |= {key: values, f"{key}_fitted": result.fitted[key]}
-    rows = [dict(zip(columns, row, strict=True)) for row in np.array([*columns.values()]).T.tolist()]
+    table = np.array([*columns.values()]).T.tolist()
+    rows = [dict(zip(columns, row, strict=True)) for row in table]
 
     def write() -> None:
         write_json(folder / FILES[0], result.summary())
@@ -617,7 +644,8 @@ def plot_inflation(path: Path, result: InflationFit) -> None:
     where = {"left": 0.11, "right": 0.96, "bottom": 0.13, "top": 0.86, "wspace": 0.3}
     with page(path, f"R²: {quality}", (8.0, 4.0)) as figure:
         grid = figure.subplots(1, len(readings.values), squeeze=False, gridspec_kw=where)
-        for axes, (key, values), colour in zip(grid[0], readings.values.items(), COLOURS, strict=False):
+        columns = zip(grid[0], readings.values.items(), COLOURS, strict=False)
+        for axes, (key, values), colour in columns:
             axes.plot(readings.pressures / 1e3, values, ls="", marker=".", color=colour, alpha=0.6)
             axes.plot(readings.pressures / 1e3, result.fitted[key], color=colour, lw=1.8)
             axes.set(xlabel="pressure in kPa", ylabel=key.replace("_", " "))
