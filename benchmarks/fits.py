@@ -24,7 +24,7 @@ from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
 from benchmarks.intervals import held_between
 from toros_fem.base.scene import Scene
 from toros_fem.making.panels.drawing import write_template
-from toros_fem.products.fitting.inflation import CONSTANTS, Inflated, Readings, fit_inflation
+from toros_fem.products.fitting.inflation import CONSTANTS, InflatedSkin, Readings, fit_inflation
 from toros_fem.products.tubes.inflate import InflateScene
 from toros_fem.products.tubes.twist import TwistScene
 
@@ -56,7 +56,7 @@ class Skin(NamedTuple):
 FINER, QUICK_FINER = 0.5, 0.8
 SKINS = {
     "plain tube": Skin(
-        InflateScene.of(edge_length=2.8e-3), (2e3, 20e3, 10),
+        InflateScene.of(edge_length=2.8e-3), (2e3, 20e3, 12),
         {"fabric_young": 0.12e6, "along_over_around": 1.25, "c1": 1.8, "c2": 2.4, "poisson": 0.3},
         ("radius_percent", "length_percent"),
     ),
@@ -71,15 +71,15 @@ SKINS = {
 
 
 @cache
-def inflated(name: str, finer: float = 1.0) -> Inflated:
+def inflated(name: str, finer: float = 1.0) -> InflatedSkin:
     """Return a skin on the mesh of the fit, or on a finer one."""
     scene: Any = SKINS[name].scene
     edges = ["edge_length", "print_edge_length"][: 1 + (not isinstance(scene, InflateScene))]
     scene = scene.updated(**{edge: finer * scene.value(edge) for edge in edges})
     if isinstance(scene, InflateScene):
-        return Inflated(MPI.COMM_SELF, scene)
+        return InflatedSkin(MPI.COMM_SELF, scene)
     with tempfile.TemporaryDirectory() as folder:
-        return Inflated(MPI.COMM_SELF, scene, helices(scene, Path(folder) / "helices.geojson"))
+        return InflatedSkin(MPI.COMM_SELF, scene, helices(scene, Path(folder) / "helices.geojson"))
 
 
 def helices(scene: Any, file: Path) -> Path:

@@ -8,12 +8,10 @@ residual F, so a step costs one path and one factorisation for each pressure.
 
 from __future__ import annotations
 
-import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +24,7 @@ from toros_fem.base.errors import FileError, NoEquilibriumError, ParameterError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
 from toros_fem.base.scene import Scene
 from toros_fem.base.toml_file import read_text
-from toros_fem.base.units import DIMENSIONS, read_quantity, spelt
+from toros_fem.base.units import DIMENSIONS, spelt
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -38,16 +36,22 @@ from toros_fem.products.actuators.simulate import case_to_simulate
 from toros_fem.products.fitting.columns import number_of
 from toros_fem.products.fitting.fit import COLOURS, FILES, Estimate, r_squared
 from toros_fem.products.fitting.samples import CONFIDENCE, FEWEST, correlation
+from toros_fem.products.tables.loads import SkinSheets
 from toros_fem.products.tubes.inflate import METRICS, InflateScene
 from toros_fem.products.tubes.tube import plain_tube
 
 # Steps of Gauss and Newton's method, and halvings of a step that makes the squares larger.
-MOST_STEPS, HALVINGS = 30, 6
+MOST_STEPS, HALVINGS = 30, 4
 # Largest change of an unknown by a step: no simulation starts far from what is known.
 LARGEST_STEP = 0.3
 # A step ends the iteration where it is this part of the standard errors; constants are held where
 # it is the second part: by then it is clear which ones the readings do not tell.
 ENOUGH, NEARLY = 0.03, 0.3
+# Constants of the scene count as readings whose logarithms have this deviation: what the others
+# tell it moves little, what they do not tell stays near.
+START = 0.5
+# So many readings a column has the deviation of all columns.
+ALIKE_READINGS = 10
 # Two constants that are correlated more are not told apart.
 ALIKE = 0.95
 # Step of an unknown for the derivative of the residual, and the smallest standard deviation of
@@ -59,7 +63,7 @@ LIMITS = (
     "Thicknesses are those of the scene: an inflated skin tells E h. Intervals are of the scatter "
     "of the readings, not of sizes, pressure gauge or mesh."
 )
-_HEADER = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]")
+_HEADER = re.compile(r"(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])])?")
 
 
 class Constant(NamedTuple):
@@ -101,11 +105,11 @@ class Readings:
     values: Mapping[str, Floats]
 
     def __post_init__(self) -> None:
-        count = len(self.pressures)
-        if count < FEWEST or not self.values:
+        counts = [int(np.isfinite(values).sum()) for values in self.values.values()]
+        if min(counts, default=0) < FEWEST:
             raise ParameterError(
-                f"there are readings at {count} pressures above 0; at least {FEWEST} are needed, "
-                "and a column of what was measured."
+                f"the columns have {counts} readings at pressures above 0; at least {FEWEST} are "
+                "needed in each."
             )
         if not (self.pressures[0] > 0 and (np.diff(self.pressures) >= 0).all()):
             raise ParameterError("pressures must be above 0, and none below the one before.")
@@ -116,7 +120,7 @@ class Readings:
         return np.array([*self.values.values()])
 
 
-class Inflated:
+class InflatedSkin:
     """A skin that was inflated: a plain tube, or an actuator with its print (collective).
 
     Args:
@@ -128,7 +132,7 @@ class Inflated:
         TorosError: The print cannot be read, or does not fit.
 
     Attributes:
-        scene: Its sizes, its mesh, and the constants from which a fit starts.
+        scene: As given.
         metrics: What may be measured of it.
         printed: Whether it has a print.
         simulations: Number of paths that were simulated.
@@ -154,6 +158,7 @@ class Inflated:
                 f"a scene of the kind {scene.KIND!r} is no skin that is inflated; take one of a "
                 "tube or another actuator."
             )
+        self._sheets: SkinSheets = scene.material
         self._skin, self._supports = sew(comm, plane), supports
         self._density = density[self._skin.owned_cells]
 
@@ -162,10 +167,9 @@ class Inflated:
         if self.printed:
             return ["reinforcement_young", "fabric_young"]
         both = {"radius_percent", "length_percent"} <= readings.values.keys()
-        names = ["fabric_young", "c1", "c2", "poisson"]
-        if both and self.scene.value("grain_angle") == 0 and self.scene.material.knit is None:
-            names.insert(1, "along_over_around")
-        return names
+        isotropic = self._sheets.knit is None and self._sheets.wrinkling is None
+        ratio = ["along_over_around"] * (both and isotropic)
+        return ["fabric_young", *ratio, "c1", "c2", "poisson"]
 
     def keys(self, constants: Mapping[str, float]) -> dict[str, float]:
         """Return the constants as keys of the scene; a modulus of its own along a tube is a knit.
@@ -183,12 +187,11 @@ class Inflated:
 
     def start(self, names: Sequence[str]) -> dict[str, float]:
         """Return the constants of the scene."""
-        scene = self.scene
-        return {n: 1.0 if n == "along_over_around" else float(scene.value(n)) for n in names}
+        sheets = self._sheets
+        return {n: 1.0 if n == "along_over_around" else getattr(sheets, n) for n in names}
 
     def _parts(self, constants: Mapping[str, float]) -> tuple[Any, ...]:
-        scene: Any = self.scene.updated(**self.keys(constants))
-        return self._skin, scene.material.composite, self._supports
+        return self._skin, self._sheets.updated(**self.keys(constants)).composite, self._supports
 
     def path(
         self, pressures: Floats, constants: Mapping[str, float], starts: Sequence[Floats] = ()
@@ -227,28 +230,28 @@ class Inflated:
 
     def slopes(
         self, path: _Path, changed: Sequence[Mapping[str, float]], keys: Sequence[str]
-    ) -> tuple[Floats, list[Floats]]:
+    ) -> tuple[Floats, Floats]:
         """Return by how much readings change with the constants, (p, k, n) (collective).
 
-        The second are the changes of the states, (p, unknowns) at each pressure.
+        The second are the changes of the states, (pressures, p, unknowns).
 
         Args:
             changed: Constants of which one differs by `DIFFERENCE` in its logarithm.
         """
         models = [make_model(*self._parts(values), **self._further) for values in changed]
         metrics = {metric.key: metric for metric in self.metrics}
-        rows, ways = [], []
+        rows, ways = list[Any](), list[Any]()
         for point, values in zip(path.results, path.values, strict=True):
-            way = np.empty((len(models), len(point.state)))
-            for k, model in enumerate(models):
+            for model in models:
                 model.set_density(point.density)
                 model.set_load(point.load)
-                way[k] = path.solver.solve_tangent(-model.residual(point.state), point)
-                moved = self._skin.gather_vertices(model.positions(point.state + way[k]))
+                way = path.solver.solve_tangent(-model.residual(point.state), point)
+                moved = self._skin.gather_vertices(model.positions(point.state + way))
                 seen = [metrics[key].value(self._skin.pattern, moved) - values[key] for key in keys]
                 rows.append(np.array(seen) / DIFFERENCE)
-            ways.append(way / DIFFERENCE)
-        return np.moveaxis(np.array(rows).reshape(len(ways), len(models), -1), 0, 2), ways
+                ways.append(way / DIFFERENCE)
+        shape = len(path.results), len(models), -1
+        return np.moveaxis(np.reshape(rows, shape), 0, 2), np.reshape(ways, shape)
 
 
 class _Path(NamedTuple):
@@ -279,7 +282,7 @@ class InflationFit:
     readings: Readings
     fitted: Mapping[str, Floats]
     simulations: int
-    remarks: Sequence[str] = field(default_factory=tuple)
+    remarks: Sequence[str]
 
     def quality(self) -> dict[str, float]:
         """Return R² of each column."""
@@ -321,7 +324,7 @@ class InflationFit:
         return "\n".join(lines)
 
 
-def fit_inflation(skin: Inflated, readings: Readings) -> InflationFit:
+def fit_inflation(skin: InflatedSkin, readings: Readings) -> InflationFit:
     """Fit the constants of an inflated skin to what was measured of it (collective).
 
     Of a plain tube these are Young's modulus, its ratio along over around where diameter and length
@@ -346,14 +349,12 @@ def fit_inflation(skin: Inflated, readings: Readings) -> InflationFit:
 class _Search:
     """Least squares over the constants, of which some are held."""
 
-    def __init__(self, skin: Inflated, readings: Readings) -> None:
+    def __init__(self, skin: InflatedSkin, readings: Readings) -> None:
         self.skin, self.readings, self.before = skin, readings, skin.simulations
         self.names = names = skin.constants(readings)
         self.first = np.log([v - CONSTANTS[name].begin for name, v in skin.start(names).items()])
         self.most = np.log([CONSTANTS[name].most for name in names])
-        self.theta, self.free = self.first.copy(), np.ones(len(names), dtype=bool)
-        self.held: dict[str, str] = {}
-        self.path: _Path
+        self.free, self.held = np.ones(len(names), dtype=bool), dict[str, str]()
         self.where = np.unique(readings.pressures, return_inverse=True)[1]
         self.seen = np.isfinite(readings.table)
 
@@ -377,21 +378,27 @@ class _Search:
         return np.array(values)[:, self.where]
 
     def deviations(self, residuals: Floats) -> Floats:
-        """Return the standard deviation of the readings of each column, (k, 1)."""
-        left = 1 - self.free.sum() / self.seen.sum()
-        squares = np.where(self.seen, residuals**2, 0.0).sum(axis=1) / self.seen.sum(axis=1)
-        largest = np.nanmax(np.abs(self.readings.table), axis=1)
-        return np.maximum(np.sqrt(squares / max(left, 0.1)), EXACT * largest)[:, None]
+        """Return the standard deviation of the readings of each column, (k, 1).
 
-    def squares(self, path: _Path) -> float:
-        """Return half the sum of squares of residuals over their deviations."""
-        residuals = (self.readings.table - self.of_path(path)) / self.sigma
-        return float(np.sum(residuals[self.seen] ** 2) / 2)
+        `ALIKE_READINGS` further ones have the deviation that all columns have over their largest.
+        """
+        largest = np.nanmax(np.abs(self.readings.table), axis=1)
+        squares = np.where(self.seen, residuals**2, 0.0).sum(axis=1) / largest**2
+        counts = self.seen.sum(axis=1)
+        shared = squares.sum() / counts.sum() * ALIKE_READINGS
+        left = max(1 - self.free.sum() / counts.sum(), 0.1)
+        part = np.sqrt((squares + shared) / (counts + ALIKE_READINGS) / left)
+        return (largest * np.maximum(part, EXACT))[:, None]
+
+    def squares(self, path: _Path, far: Floats) -> float:
+        """Return half the sum of squares of residuals over their deviations, and of the start's."""
+        residuals = ((self.readings.table - self.of_path(path)) / self.sigma)[self.seen]
+        return float(residuals @ residuals + far @ far / START**2) / 2
 
     def run(self) -> None:
         """Find the constants, and hold those that the readings do not tell."""
         try:
-            self.path = self.skin.first(self.readings.pressures, self.constants(self.first))
+            self.begin()
         except EquilibriumError as caught:
             raise NoEquilibriumError(
                 f"with the constants of the scene the skin has no equilibrium at each pressure: "
@@ -399,25 +406,37 @@ class _Search:
             ) from None
         for _ in range(MOST_STEPS):
             self.linearise()
-            step = np.zeros(len(self.theta))
-            step[self.free] = self.covariance @ (self.jacobian.T @ self.residuals)[self.free]
-            size = np.abs(step[self.free]) / np.sqrt(np.diag(self.covariance))
-            stuck = self.free & (self.theta >= self.most) & (step > 0)
-            untold = self.untold(stuck) if size.max() < NEARLY or stuck.any() else None
-            if untold is not None:
-                self.hold(untold)
-            elif size.max() < ENOUGH or not self.moved(
-                step * min(1.0, LARGEST_STEP / np.abs(step).max())
-            ):
+            free, step = self.free, self.step(self.residuals)
+            size = np.abs(step[free]) * np.sqrt(np.diag(self.precision))
+            stuck = free & (self.theta >= self.most) & (step > 0)
+            near = size.max() < NEARLY or stuck.any()
+            if not near and self.moved(step):
+                continue
+            if (place := self.untold(stuck)) is not None:
+                self.hold(place)
+            elif size.max() < ENOUGH or not near or not self.moved(step):
                 break
+        else:
+            raise FileError(
+                f"the constants do not settle in {MOST_STEPS} steps: is the skin that of the scene, "
+                "and are the units right?"
+            )
+
+    def step(self, residuals: Floats) -> Floats:
+        """Return the step of the unknowns that are free, of Gauss and Newton's method."""
+        free, step = self.free, np.zeros(len(self.theta))
+        pull = self.jacobian.T @ residuals - (self.theta - self.first) / START**2
+        step[free] = np.linalg.solve(self.precision + np.eye(free.sum()) / START**2, pull[free])
+        return step * min(1.0, LARGEST_STEP / max(np.abs(step).max(), LARGEST_STEP))
+
+    def begin(self) -> None:
+        """Simulate the skin with the constants of the scene."""
+        self.theta = self.first.copy()
+        self.path = self.skin.first(self.readings.pressures, self.constants(self.theta))
 
     def linearise(self) -> None:
         """Find the derivatives of the readings at the unknowns, over their deviations."""
-        changed = []
-        for k in range(len(self.theta)):
-            further = self.theta.copy()
-            further[k] += DIFFERENCE
-            changed.append(self.constants(further))
+        changed = [self.constants(self.theta + way) for way in DIFFERENCE * np.eye(len(self.theta))]
         slopes, self.ways = self.skin.slopes(self.path, changed, [*self.readings.values])
         residuals = self.readings.table - self.of_path(self.path)
         self.sigma = self.deviations(residuals)
@@ -426,19 +445,24 @@ class _Search:
         self.residuals = (residuals / self.sigma)[self.seen]
 
     @property
-    def covariance(self) -> Floats:
-        """Covariance of the unknowns that are free, (p, p), of independent readings."""
+    def precision(self) -> Floats:
+        """Inverse covariance of the unknowns that are free, (p, p), of independent readings."""
         of_free = self.jacobian[:, self.free]
-        return np.asarray(np.linalg.pinv(of_free.T @ of_free, hermitian=True))
+        return np.asarray(of_free.T @ of_free)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of the unknowns that are free, (p, p)."""
+        return np.asarray(np.linalg.pinv(self.precision, hermitian=True))
 
     def moved(self, step: Floats) -> bool:
         """Take as much of a step as makes the squares smaller; return whether some does."""
-        before = self.squares(self.path)
+        before = self.squares(self.path, self.theta - self.first)
         for part in 0.5 ** np.arange(HALVINGS):
             way = np.minimum(part * step, self.most - self.theta)
             with suppress(EquilibriumError):  # raised by all ranks or by none
                 path = self.simulated(way)
-                if self.squares(path) < before:
+                if self.squares(path, self.theta + way - self.first) < before:
                     self.theta, self.path = self.theta + way, path
                     return True
         return False
@@ -446,16 +470,13 @@ class _Search:
     def hold(self, place: int) -> None:
         """Hold a constant at its first value, and let the others follow as they tell."""
         self.free[place] = False
-        step = np.zeros(len(self.theta))
-        step[place] = self.first[place] - self.theta[place]
-        left = self.residuals - self.jacobian @ step
-        step[self.free] = self.covariance @ (self.jacobian.T @ left)[self.free]
+        back = self.first[place] - self.theta[place]
+        step = self.step(self.residuals - self.jacobian[:, place] * back)
+        step[place] = back
         try:
-            self.path = self.simulated(step)
-            self.theta = self.theta + step
+            self.path, self.theta = self.simulated(step), self.theta + step
         except EquilibriumError:
-            self.theta = self.first.copy()
-            self.path = self.skin.first(self.readings.pressures, self.constants(self.first))
+            self.begin()
 
     def untold(self, stuck: Bools) -> int | None:
         """Return the last constant that the readings do not tell, and note why; None without.
@@ -464,7 +485,7 @@ class _Search:
         """
         covariance = self.covariance
         error = np.sqrt(np.diag(covariance))
-        alike = np.abs(covariance / np.outer(error, error))
+        alike = np.abs(_correlations(covariance))
         names = [name for name, free in zip(self.names, self.free, strict=True) if free]
         for k in reversed(range(len(names))):
             half, why = min(self.student * error[k], 50.0), ""
@@ -504,9 +525,9 @@ class _Search:
         whole = self.student**2 * covariance + np.log(HELD) ** 2 * gains @ gains.T
         half = np.zeros(len(free))
         half[free] = np.sqrt(np.diag(whole))
-        values, low, high = map(self.constants, (self.theta, self.theta - half, self.theta + half))
+        ends = self.theta - half, np.minimum(self.theta + half, self.most)
+        values, low, high = map(self.constants, (self.theta, *ends))
         names = [name for name in self.names if name not in self.held]
-        error = np.sqrt(np.diag(covariance))
         remarks = [
             f"{name} is not told, and held at {values[name]:.4g}: {self.held[name]}. Intervals "
             f"allow for {HELD - 1:.0%} more or less of it."
@@ -519,12 +540,17 @@ class _Search:
             },
             keys=self.skin.keys(values),
             held={name: (values[name], why) for name, why in self.held.items()},
-            correlations=covariance / np.outer(error, error),
+            correlations=_correlations(covariance),
             readings=self.readings,
             fitted=dict(zip(self.readings.values, self.of_path(self.path), strict=True)),
             simulations=self.skin.simulations - self.before,
             remarks=[*remarks, LIMITS],
         )
+
+
+def _correlations(covariance: Floats) -> Floats:
+    error = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / np.outer(error, error))
 
 
 def read_inflation(path: Path | str, scene: Scene, metrics: Sequence[Metric]) -> Readings:
@@ -538,79 +564,70 @@ def read_inflation(path: Path | str, scene: Scene, metrics: Sequence[Metric]) ->
         FileError: A line is wrong, or something is missing.
     """
     path = Path(path)
-    text = read_text(path, "a table of readings", "table")
-    lines = {k: line for k, line in enumerate(text.split("\n"), start=1) if line.strip()}
-    lines = {k: line for k, line in lines.items() if not line.lstrip().startswith("#")}
-    if len(lines) < 2:
-        raise FileError(f"{path}: there is no table: a header and rows of numbers.", path)
-    begin = min(lines)
-    mark = next((one for one in ";\t," if one in lines[begin]), ",")
-    rows = {k: next(csv.reader([line], delimiter=mark)) for k, line in lines.items()}
-    columns = dict(_columns(rows.pop(begin), scene, metrics))
-    if "pressure" not in [key for key, _ in columns.values()] or len(columns) < 2:
-        sizes = ["diameter [mm]"] if _sizes(scene) else []
-        known = ", ".join([*sizes, *(metric.key for metric in metrics)])
+    lines = {
+        k: line
+        for k, line in enumerate(
+            read_text(path, "a table of readings", "table").split("\n"), start=1
+        )
+        if line.strip() and not line.lstrip().startswith("#")
+    }
+    begin = min(lines, default=1)
+    heading = lines.pop(begin, "")
+    mark = next((one for one in ";\t," if one in heading), ",")
+    columns, known = dict[int, tuple[str, float]](), _columns(scene, metrics)
+    for place, cell in enumerate(heading.split(mark)):
+        match = _HEADER.fullmatch(cell.strip().strip('"'))
+        name, unit = match.groups("") if match else ("", "")
+        if (name.lower(), spelt(unit)) in known:
+            columns[place] = known[name.lower(), spelt(unit)]
+        elif units := [of for word, of in known if word == name.lower()]:
+            raise FileError(
+                f"{path}, line {begin}: {name} is in {unit or 'no unit'!r}; write '{name} [UNIT]', "
+                f"with one of {', '.join(units)}.", path, begin,
+            )  # fmt: skip
+    keys = [key for key, _ in columns.values()]
+    if keys.count("pressure") != 1 or len(set(keys)) < max(2, len(keys)):
+        names = ", ".join(sorted({word for word, _ in known}))
         raise FileError(
-            f"{path}, line {begin}: a column 'pressure [kPa]' is needed, and one of {known}; the "
-            f"header has {lines[begin].strip()}.", path, begin,
+            f"{path}, line {begin}: a column 'pressure [kPa]' is needed, and once what was "
+            f"measured; known are {names}. The header has {heading.strip()!r}.", path, begin,
         )  # fmt: skip
-    table = []
-    for line, cells in rows.items():
-        row = dict.fromkeys([key for key, _ in columns.values()], np.nan)
-        for place, (key, read) in columns.items():
+    rows = []
+    for line, text in lines.items():
+        cells, row = text.split(mark), dict.fromkeys(keys, np.nan)
+        for place, (key, factor) in columns.items():
             cell = cells[place].strip() if place < len(cells) else ""
-            number = number_of(cell, comma=mark != ",")
-            if cell or key == "pressure":
-                if not np.isfinite(number):
-                    raise FileError(
-                        f"{path}, line {line}: {key} = {cell!r} is no finite number.", path, line
-                    )
-                row[key] = read(number)
-        table.append(row)
-    table = sorted((row for row in table if row["pressure"] > 0), key=lambda row: row["pressure"])
-    values = {key: np.array([row[key] for row in table]) for key, _ in columns.values()}
+            row[key] = factor * number_of(cell, comma=mark != ",")
+            if not np.isfinite(row[key]) and (cell or key == "pressure"):
+                what = f"{path}, line {line}: {key} = {cell!r} is no finite number."
+                raise FileError(what, path, line)
+        rows.append(row)
+    rows = sorted((row for row in rows if row["pressure"] > 0), key=lambda row: row["pressure"])
+    values = {key: np.array([row[key] for row in rows]) for key in keys}
     try:
         return Readings(values.pop("pressure"), values)
     except ParameterError as caught:
         raise FileError(f"{path}: {caught}", path) from None
 
 
-def _sizes(scene: Scene) -> dict[str, float]:
-    """Return the lengths of a plain tube that readings in mm refer to."""
-    skin = getattr(scene, "skin", None)
-    return {n: getattr(skin, n) for n in ("diameter", "length") if hasattr(skin, n)}
-
-
-def _columns(header: Sequence[str], scene: Scene, metrics: Sequence[Metric]) -> Iterator[Any]:
-    """Yield place, key and conversion of each column that is read."""
-    for place, cell in enumerate(header):
-        match = _HEADER.fullmatch(cell.strip())
-        name, unit = match.groups() if match else (cell.strip(), "")
-        name, unit = name.strip().lower(), spelt(unit)
-        if name in ("pressure_pa", "pressure"):
-            yield place, ("pressure", partial(_quantity, unit=unit or "Pa", of="Pa"))
+def _columns(scene: Any, metrics: Sequence[Metric]) -> dict[tuple[str, str], tuple[str, float]]:
+    """Return key and factor of each column that is read, by its name and unit."""
+    lengths, angles = (
+        [(unit, float(by)) for unit, by in DIMENSIONS[of][1].items()] for of in ("m", "deg")
+    )
+    columns = {("pressure", u): ("pressure", float(by)) for u, by in DIMENSIONS["Pa"][1].items()}
+    columns["pressure_pa", ""] = "pressure", 1.0
+    for metric in metrics:
+        columns[metric.key, ""] = metric.key, 1.0
+        if metric.unit == "deg":
+            columns |= {(metric.name, unit): (metric.key, by) for unit, by in angles}
             continue
-        size = _sizes(scene).get(name)
-        for metric in metrics:
-            of_size = "radius" if name == "diameter" else name
-            if size and unit in DIMENSIONS["m"][1] and metric.name == of_size:
-                whole = size / (100.0 if metric.unit == "percent" else 1.0)
-                yield place, (metric.key, lambda v, u=unit, s=whole: _quantity(v, u, "m") / s)
-            elif name == metric.key or (name == metric.name and unit in _units(metric)):
-                factor = 100.0 if (unit, metric.unit) == ("1", "percent") else 1.0
-                factor = 0.01 if (unit, metric.unit) == ("%", "ratio") else factor
-                if unit in DIMENSIONS["deg"][1]:
-                    factor = _quantity(1.0, unit, "deg")
-                yield place, (metric.key, lambda v, f=factor: f * v)
-
-
-def _units(metric: Metric) -> Sequence[str]:
-    """Return the units that a reading of a metric may have."""
-    return tuple(DIMENSIONS["deg"][1]) if metric.unit == "deg" else ("%", "1", metric.unit)
-
-
-def _quantity(value: float, unit: str, of: str) -> float:
-    return read_quantity(f"{value!r} {unit}", of)
+        whole = 100.0 if metric.unit == "percent" else 1.0
+        columns |= {(metric.name, u): (metric.key, by * whole) for u, by in (("%", 0.01), ("1", 1))}
+        word = "diameter" if metric.name == "radius" else metric.name
+        if size := getattr(scene.skin, word, None):
+            columns |= {(word, unit): (metric.key, by * whole / size) for unit, by in lengths}
+    return columns
 
 
 def write_inflation(comm: MPI.Comm, folder: Path | str, result: InflationFit) -> None:
