@@ -90,6 +90,17 @@ def test_what_readings_do_not_tell_is_held_and_told() -> None:
     assert all(value > 0.97 for value in found.quality().values())
 
 
+def test_intervals_allow_for_what_is_held() -> None:
+    """Of exact readings they are what 20 % more or less of Poisson's ratio makes of them."""
+    readings = Readings(PRESSURES, exact())
+    found = fit_inflation(tube(), readings).estimates
+    other = InflatedSkin(MPI.COMM_SELF, SCENE.updated(poisson=1.2 * TRUE["poisson"]))
+    moved = fit_inflation(other, readings).estimates
+    for name in ("fabric_young", "along_over_around"):
+        half = found[name].value - found[name].low
+        assert found[name].value - moved[name].value == pytest.approx(half, rel=0.2)
+
+
 def test_less_noise_narrows_intervals_up_to_what_is_held() -> None:
     wide, narrow = (fit_inflation(tube(), noisy(2, noise)) for noise in (0.01, 0.005))
     for name in ("c1", "c2"):

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from toros_fem import fit_material
+from toros_fem.cli.commands.materials import material_details
+from toros_fem.cli.scene_files import numbers_of
 from toros_fem.materials.sheet import Bladder
 from toros_fem.products.fitting.fit import fit_table, library_entry
 from toros_fem.products.fitting.samples import TensileTest
 from toros_fem.products.fitting.uniaxial import rubber_stress
 from toros_fem.products.options import FitOptions
+from toros_fem.products.tubes.inflate import InflateScene
 
 YOUNG, SECOND, THIRD, THICKNESS = 0.2e6, 6e3, 0.4e3, 0.5e-3
 TRUE = {"young": YOUNG, "second": SECOND, "third": THIRD}
@@ -66,6 +69,21 @@ def test_entry_is_a_bladder() -> None:
     assert (entry.kind, entry.poisson, entry.c1) == ("rubber", 0.5, None)
     for name in ("young", "thickness", "second", "third"):
         assert getattr(entry.bladder, name) == pytest.approx(getattr(bladder, name), rel=1e-4)
+    values, _ = numbers_of(InflateScene(), [{"bladder": entry}])
+    assert values["bladder_second"] == entry.second
+    assert values["bladder_third"] == entry.third
+    assert "\nC₂₀         " in material_details(entry)
+
+
+def test_a_preload_is_found_by_the_law_of_the_rubber() -> None:
+    """A force at rest is that of a strain, which Yeoh's law tells; eq. (1) would miss the curve."""
+    whole = pulled(3, noise=0.001)
+    late = whole.taken(np.flatnonzero(whole.stretch > 1.2))
+    test = TensileTest(late.stretch / 1.2, late.stress, THICKNESS)
+    found = fit_material([test], RUBBER.updated(offset="preload"))
+    assert "preloaded to a strain of" in " ".join(found.remarks)
+    told = next(text for text in found.remarks if "preloaded" in text)
+    assert float(told.split("strain of ")[1].split(" %")[0]) == pytest.approx(20.0, abs=2.5)
 
 
 @pytest.mark.slow

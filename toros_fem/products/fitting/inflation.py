@@ -297,9 +297,9 @@ class InflationFit:
         return {
             "estimates": {name: asdict(one) for name, one in self.estimates.items()},
             "keys": dict(self.keys),
-            "held": {n: {"value": value, "reason": why} for n, (value, why) in self.held.items()},
+            "held": {n: {"value": value, "why": why} for n, (value, why) in self.held.items()},
             "correlations": self.correlations.tolist(),
-            **{f"r2_{key}": value for key, value in self.quality().items()},
+            "r2": self.quality(),
             "points": len(self.readings.pressures),
             "simulations": self.simulations,
             "remarks": [*self.remarks],
@@ -418,8 +418,8 @@ class _Search:
                 break
         else:
             raise FileError(
-                f"the constants do not settle in {MOST_STEPS} steps: is the skin that of the scene, "
-                "and are the units right?"
+                f"the constants do not settle in {MOST_STEPS} steps: is the skin that of the "
+                "scene, and are the units right?"
             )
 
     def step(self, residuals: Floats) -> Floats:
