@@ -113,7 +113,7 @@ def measured(name: str, draw: int, finer: float) -> tuple[dict[str, float], Read
         + (value - CONSTANTS[key].begin) * float(np.exp(SCATTER * rng.standard_normal()))
         for key, value in skin.constants.items()
     }
-    pressures = np.linspace(*skin.pressures)
+    pressures = np.linspace(*skin.pressures, dtype=np.float64)
     exact = inflated(name, finer).measured(pressures, constants)
     return constants, Readings(pressures, {key: exact[key] for key in skin.columns})
 

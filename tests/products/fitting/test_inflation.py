@@ -27,7 +27,7 @@ TRUE = {
     "fabric_young": 0.12e6, "along_over_around": 1.25, "c1": 1.8, "c2": 2.4, "poisson": 0.3,
 }  # fmt: skip
 SCENE = InflateScene.of(length=0.06, edge_length=4e-3)
-PRESSURES = np.linspace(2e3, 20e3, 10)
+PRESSURES = np.linspace(2e3, 20e3, 10, dtype=np.float64)
 
 
 @cache
@@ -134,7 +134,7 @@ def test_print_of_a_twisted_tube(tmp_path: Path) -> None:
     )  # fmt: skip
     skin = InflatedSkin(MPI.COMM_SELF, scene, helices(scene, tmp_path / "helices.geojson"))
     true = {"reinforcement_young": 80e6, "fabric_young": 0.11e6}
-    pressures = np.linspace(2e3, 8e3, 5)
+    pressures = np.linspace(2e3, 8e3, 5, dtype=np.float64)
     values = skin.measured(pressures, true)
     readings = Readings(pressures, {key: values[key] for key in ("twist_deg", "length_ratio")})
     found = fit_inflation(skin, readings)

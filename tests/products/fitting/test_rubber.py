@@ -79,7 +79,7 @@ def test_a_preload_is_found_by_the_law_of_the_rubber() -> None:
     """A force at rest is that of a strain, which Yeoh's law tells; eq. (1) would miss the curve."""
     whole = pulled(3, noise=0.001)
     late = whole.taken(np.flatnonzero(whole.stretch > 1.2))
-    test = TensileTest(late.stretch / 1.2, late.stress, THICKNESS)
+    test = TensileTest(np.asarray(late.stretch / 1.2), late.stress, THICKNESS)
     found = fit_material([test], RUBBER.updated(offset="preload"))
     assert "preloaded to a strain of" in " ".join(found.remarks)
     told = next(text for text in found.remarks if "preloaded" in text)
