@@ -86,6 +86,14 @@ def test_a_preload_is_found_by_the_law_of_the_rubber() -> None:
     assert float(told.split("strain of ")[1].split(" %")[0]) == pytest.approx(20.0, abs=2.5)
 
 
+def test_a_curve_that_eq_1_would_misread() -> None:
+    """At a stretch of 5 eq. (1) takes the soft middle of the curve for slack."""
+    found = fit_material([pulled(1, noise=0.003, top=5.0)], RUBBER)
+    assert not any("slack" in text or "toe" in text for text in found.remarks)
+    for name, value in TRUE.items():
+        assert value in found.estimates[name]
+
+
 @pytest.mark.slow
 def test_intervals_hold_the_true_values() -> None:
     """In 90 of 100 trials at least, for each constant, with noise of 1 %."""
