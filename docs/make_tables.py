@@ -15,7 +15,7 @@ from pathlib import Path
 
 import toros_fem
 from toros_fem.cli.commands.materials import HEADER, row, sentence
-from toros_fem.cli.scene_files import FILES, keys_of
+from toros_fem.cli.scene_files import FILES, POSE, keys_of
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import KINDS
@@ -43,6 +43,9 @@ def scene_keys() -> Rows:
         for section, of in kind.entries().items():
             for key, one in of.described().items():
                 found.setdefault((f"[[{section}]]", key, one.help, "", ""), []).append(kind.KIND)
+        own = {key: one for key, one in kind.pose_keys().items() if key not in kind.described()}
+        for key, one in own.items():
+            found.setdefault((f"[[{POSE}]]", key, one.help, "", ""), []).append(kind.KIND)
     yield "table", "key", "meaning", "default", "by --coarse", "scenes"
     order = list(dict.fromkeys(entry[0] for entry in found))
     for entry, kinds in sorted(found.items(), key=lambda item: order.index(item[0][0])):

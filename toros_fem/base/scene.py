@@ -18,8 +18,8 @@ from toros_fem.base.mpi import require_comm
 
 # Order of tables in files.
 ORDER = (
-    "target", "object", "skin", "held", "printed", "plain", "material", "pressure", "contact",
-    "pull", "objective", "metric", "design", "lines", "print", "results",
+    "target", "object", "skin", "held", "printed", "plain", "material", "pressure", "load",
+    "contact", "pull", "objective", "metric", "design", "lines", "print", "results",
 )  # fmt: skip
 # Marks a field of a scene that is no table of its file.
 NO_TABLE: Mapping[str, bool] = MappingProxyType({"outside": True})
@@ -53,6 +53,11 @@ class Scene(Table):
     def example(cls) -> Self:
         """Return what a new scene file holds: the defaults, if a kind says nothing else."""
         return cls()
+
+    @classmethod
+    def pose_keys(cls) -> dict[str, Key]:
+        """Return the keys that a further pose may have, by name; none where there are none."""
+        return {}
 
     @classmethod
     def files(cls) -> dict[str, str]:

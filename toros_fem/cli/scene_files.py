@@ -6,7 +6,7 @@ import contextlib
 import re
 import textwrap
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, Required
@@ -44,10 +44,13 @@ _SHEET = ("poisson", "thickness", "c1", "c2")
 MASSES = ("fabric_mass", "print_mass")
 # Table of materials; that of files, with the key of a file of materials; and the quick variant's.
 MATERIAL, FILES, LIBRARY, QUICK = "material", "files", "materials", "coarse"
+# Tables of further poses.
+POSE = "pose"
 # What the tables hold that are no tables of the scene.
 HOLDS: Mapping[str, str] = {
     FILES: "Files and folders, relative to the scene file",
     QUICK: "Values of the quick variant, --coarse, instead of those above",
+    POSE: "A further pose of the same skin, with what differs from those above",
 }
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 # Stands for the table of keys that the command line changes.
@@ -172,7 +175,8 @@ def keys_of(kind: type[Scene]) -> dict[str, Mapping[str, Key]]:
         name: Key(name, File | None, Path, text, optional=True) for name, text in files.items()
     }
     several = {name: of.described() for name, of in kind.entries().items()}
-    return {**tables, FILES: paths, QUICK: every, **several}
+    keys = {**tables, FILES: paths, QUICK: every, **several}
+    return {**keys, POSE: poses} if (poses := kind.pose_keys()) else keys
 
 
 def file_type(kind: type[Scene]) -> TypeAdapter[dict[str, Any]]:
@@ -187,7 +191,7 @@ def file_type(kind: type[Scene]) -> TypeAdapter[dict[str, Any]]:
     for name, keys in keys_of(kind).items():
         of = entries.get(name)
         content[name] = given_of(name, holds[name] if of is None else of.holds(), keys)
-        if of is not None:
+        if of is not None or name == POSE:
             content[name] = several(content[name])
     return TypeAdapter(typed(kind.KIND, ABOUT[kind.KIND], content))
 
@@ -338,7 +342,7 @@ class _Reader(Document):
         for text in changes:
             self.change(text)
         content = self.values(file_type(self.kind), self.keys)
-        files, quick = content.pop(FILES, {}), content.pop(QUICK, {})
+        files, quick, poses = (content.pop(name, {}) for name in (FILES, QUICK, POSE))
         for name, path in files.items():
             if path is not None and (FILES, name) not in self.changes:
                 files[name] = self.path.parent / path
@@ -360,6 +364,8 @@ class _Reader(Document):
             known = (coarser.keys() | quick.keys()) & plain.described().keys() - self.over.keys()
             instead = {key: plain.value(key) for key in plain.described() if key in known}
         config, materials = self.resolved([*layers, (CHANGED, self.over)])
+        if poses:
+            config = self.with_poses(config, poses)
         files = {name: path for name, path in files.items() if path is not None}
         lines = {
             f"{FILES}.{place[1]}" if place[0] == FILES else str(place[-1]): line
@@ -376,7 +382,7 @@ class _Reader(Document):
             advice = "write KEY=VALUE, design.seed=3 for instance."
             raise FileError(f"change {shown(text)}: {advice}", key=key)
         entries = self.kind.entries()
-        apart = table == FILES or table in entries
+        apart = table in (FILES, POSE) or table in entries
         at: Place = (table if apart else CHANGED, key)
         self.changes[at] = text
         known = [one for one in self.keys if one != QUICK]
@@ -401,7 +407,7 @@ class _Reader(Document):
 
     def advice(self, place: Place, name: str, known: Collection[str]) -> str:
         """Return the nearest known word, or the table in which a key stands."""
-        apart = place[0] == FILES or place[0] in self.kind.entries()
+        apart = place[0] in (FILES, POSE) or place[0] in self.kind.entries()
         homes = {} if apart else self.homes
         if name in homes:
             return f"it stands in the table [{homes[name]}]."
@@ -411,6 +417,20 @@ class _Reader(Document):
         if far is not None and meant(name, known) is None:
             return f"did you mean {far!r}, in the table [{homes[far]}]?"
         return nearest(name, known)
+
+    def with_poses(self, scene: Scene, poses: Sequence[_Values]) -> Scene:
+        """Return a scene with further poses, of values by key."""
+        once = isinstance(self.content.get(POSE), dict)
+        made: tuple[_Values, ...] = ()
+        for number, values in enumerate(poses):
+            made = (*made, values)
+            try:
+                scene = replace(scene, poses=made)  # type: ignore[call-arg]
+            except ParameterError as caught:
+                key = next(filter(values.__contains__, _named(str(caught), caught.key)), None)
+                place: Place = (POSE,) if once else (POSE, number)
+                self.fail(place if key is None else (*place, key), str(caught))
+        return scene
 
     def rows(self, name: str, of: type[Table], content: _Values) -> list[Table]:
         """Return the tables of a name, which may stand several times."""
@@ -530,6 +550,10 @@ def _text(
         if table == "skin":
             for name, several in scene.entries().items():
                 lines += _entries(name, several, getattr(scene, name))
+    for values in getattr(scene, "poses", ()):
+        keys = scene.pose_keys()
+        rows = [_line(keys[name], value) for name, value in values.items()]
+        lines += ["", *_comment(HOLDS[POSE]), f"[[{POSE}]]", *rows]
     return lines
 
 

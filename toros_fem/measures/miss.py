@@ -156,19 +156,24 @@ def shape_figures(
     """Return the figures of a shape, of values and half-widths of intervals by `Miss.values`' keys.
 
     Their targets are 0. The root mean square distance over the length and the direction of the tip
-    have a tolerance: they decide. The others tell more.
+    have a tolerance: they decide. The others tell more. The names of further poses come before
+    their keys.
     """
     known = {DISTANCE: 100 * tolerances.shape, DIRECTION: tolerances.direction}
+    first = "_".join(SHAPE_FIGURES[0])
+    prefixes = [key.removesuffix(first) for key in values if key.endswith(first)]
+    widths = intervals or {}
     return tuple(
-        Figure(*one, values[key], (intervals or {}).get(key), 0.0, known.get(one))
-        for one in SHAPE_FIGURES
-        if (key := "_".join(one)) in values
+        Figure(f"{before}{name}", unit, values[key], widths.get(key), 0.0, known.get((name, unit)))
+        for before in prefixes
+        for name, unit in SHAPE_FIGURES
+        if (key := f"{before}{name}_{unit}") in values
     )
 
 
 def is_of_shape(figure: Figure) -> bool:
     """Return whether a figure is one of a shape."""
-    return (figure.name, figure.unit) in SHAPE_FIGURES
+    return any(figure.key.endswith("_".join(one)) for one in SHAPE_FIGURES)
 
 
 def miss_of(

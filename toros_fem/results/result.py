@@ -19,8 +19,9 @@ from toros_fem.base.scene import Scene
 from toros_fem.base.validation import require_kind
 from toros_fem.base.versions import versions
 from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.miss import prefix_of
 from toros_fem.design.loop.options import LOST, Iteration, growth_of_miss
-from toros_fem.design.loop.shape_design import ShapeProblem
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.making.print.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall, verdict_of
 from toros_fem.measures.miss import shape_figures
@@ -212,7 +213,11 @@ class PrintedResult(RunResult):
         state = None if made is None else made.equilibrium
         shape = shape_figures(self.shape, self.intervals, self.tolerances)
         of_state = state_figures(self.pressure, state, self.problem.parts)
-        return (*self.metric_figures, *shape, *of_state)
+        poses = [
+            Figure(f"{prefix_of(one.problem)}pressure", "pa", one.equilibrium.pressure)
+            for one in (() if made is None else made.poses)
+        ]
+        return (*self.metric_figures, *shape, *of_state, *poses)
 
     @property
     def pressure(self) -> float:
@@ -240,7 +245,7 @@ class PrintedResult(RunResult):
                 self.intervals.get(metric.key),
                 self.tolerances.figure,
             )
-            for metric in self.problem.metrics
+            for metric in self.problem.all_metrics
         )
 
     @property
@@ -264,7 +269,8 @@ class PrintedResult(RunResult):
         made = self.printed.evaluation
         if made is None:
             return []
-        return notes_at([(self.pressure, made.equilibrium.condition.sentences)])
+        states = [one.equilibrium for one in made.every]
+        return notes_at([(state.pressure, state.condition.sentences) for state in states])
 
     @property
     def shown_metrics(self) -> Mapping[str, float]:
@@ -280,6 +286,7 @@ class PrintedResult(RunResult):
             "equilibrium": simulated and simulated.equilibrium.reason,
             "printed_objective": simulated and simulated.shape,
             "printed_failure": self.printed.failure or None,
+            **self._poses(),
             **self._designed(),
             **self._cleaned(),
             **self._cost(),
@@ -292,7 +299,7 @@ class PrintedResult(RunResult):
         first, last = (self.design.history[k].objective for k in (0, -1))
         designed = self.design.history[-1].metrics
         told = []
-        for metric, figure in zip(self.problem.metrics, self.metric_figures, strict=True):
+        for metric, figure in zip(self.problem.all_metrics, self.metric_figures, strict=True):
             beside = f" ({metric.formatted(designed[metric.key])} as designed)"
             told.append(figure.words + (beside if metric.key in designed else ""))
         steps = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"
@@ -310,6 +317,26 @@ class PrintedResult(RunResult):
             f"{self.printed.after.summary()['islands']} islands, "
             f"{self.seconds.get('total', 0.0):.0f} s"
         )
+
+    def _poses(self) -> dict[str, Any]:
+        """Return the states of further poses, by their names; nothing without any."""
+        made = self.printed.evaluation
+        if made is None or not made.poses:
+            return {}
+        first = made.problem
+        found = {}
+        for one in made.poses:
+            problem, state = one.problem, one.equilibrium
+            assert isinstance(problem, ShapeDesign)
+            assert isinstance(first, ShapeDesign)
+            found[str(problem.case.name)] = {
+                "pressures_pa": list(state.pressures),
+                "volume_m3": problem.parts * state.volume,
+                "stretch_use": state.stretch_use,
+                "equilibrium": state.reason,
+                "on_the_curve": first.case.differs_in_pressure_alone(problem.case),
+            }
+        return {"poses": found}
 
     def _pressures_at_bounds(self) -> list[str]:
         ranges = self.problem.physics.pressure_ranges

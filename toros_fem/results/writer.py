@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from toros_fem.base.scene import Scene
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.miss import shape_of
+from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.making.panels.panel_drawing import write_svg
 from toros_fem.making.print.as_printed import PrintedDesign
@@ -24,10 +25,11 @@ from toros_fem.making.print.printability import PRINT, printed_cells, write_prin
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.measures.metrics import Metric
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkles
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.results.result import (
@@ -127,6 +129,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     density = fields["rho_projected"] if printed.evaluation is None else None
     frame = Frame("print", 0, "", whole.at_vertices(drawn), density, values, note)
     seen = shown_skin(problem, printed.regions, shown.equilibrium.poses)
+    poses = list(_pose_frames(shown, printed.regions)) if shown.poses else []
 
     def write() -> None:
         require_open(folder)
@@ -136,9 +139,25 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
         # Of a part: its triangles are the first of the whole.
         write_pattern(folder / NAME, part, cells[: len(part.panel)])
         write_series(folder, seen, [frame])
+        for skin, pose in poses:
+            write_series(folder, skin, [pose])
         write_skin_fields(folder, pattern, positions, fields, folds)
 
     guarded(found.problem.comm, folder, write)
+
+
+def _pose_frames(
+    shown: Evaluation[Equilibrium], regions: Regions
+) -> Iterator[tuple[ShownSkin, Frame]]:
+    """Yield the shape of each pose on the print's mesh, with its skin and target (collective)."""
+    for number, one in enumerate(shown.every, 1):
+        problem, state = one.problem, one.equilibrium
+        assert isinstance(problem, ShapeProblem)
+        positions = problem.whole.at_vertices(problem.physics.shape_of(state))
+        values = {"pressure_pa": state.pressure, **problem.metrics_of(state)}
+        note = state.condition.sentences
+        skin = shown_skin(problem, regions, state.poses)
+        yield skin, Frame("pose", number, "", positions, None, values, note)
 
 
 def draw_pictures(

@@ -127,7 +127,8 @@ def found(
 
     level: Any = 0
     again = SimulatedPrint((pattern, shape(0)), None, None)
-    return metric_errors(job, level, {"x_mm": mean}, again, pattern)
+    own = estimates.values_of(pattern, shape(0), {"x_mm": mean})
+    return metric_errors(job, level, own, again, pattern)
 
 
 def values(errors: MetricErrors) -> dict[float, float]:

@@ -10,7 +10,7 @@ from matplotlib.text import Annotation
 from toros_fem.measures.figures import Figure
 from toros_fem.results.pictures.curves import draw_curve, draw_history, draw_tracks
 from toros_fem.results.pictures.style import bar_length, page
-from toros_fem.results.runs.stored_run import Measured, StoredCurve
+from toros_fem.results.runs.stored_run import Measured, PoseFigure, StoredCurve
 
 ROWS = [
     {"pressure_pa": 1e3 * k, "angle_deg": 20.0 * k, "twist_deg": 5.0 * k, "length_ratio": 1 + k / 9}
@@ -67,6 +67,19 @@ def test_measured_values_stand_beside_ours() -> None:
     assert "50° (paper),\n60° ours" in told
     assert "70° (a bench)" in told
     assert not any("another" in word for word in told)
+
+
+def test_further_poses_stand_at_their_pressures() -> None:
+    """Each with its target; those of other figures are left out."""
+    figure = Page(figsize=(8, 4.5))
+    half = Figure("half_angle", "deg", 44.0, 1.0, 45.0, 3.0)
+    curve = StoredCurve(ROWS, 4e3, poses=[
+        PoseFigure("angle_deg", 2e3, half), PoseFigure("twist_deg", 2e3, TWIST),
+    ])  # fmt: skip
+    draw_curve(figure, curve, [ANGLE])
+    told = words(figure)
+    assert {"target 90°", "target 45°", "44.0 ± 1.0°"} <= set(told)
+    assert "20°" not in told
 
 
 @pytest.mark.parametrize("broken", [(True, False), (False, True), (True, True)])

@@ -79,6 +79,12 @@ class Case:
         force: Dead forces in N on all assembled vertices, (n, 3).
         quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
             is in the lines of a print; None where none is.
+        poses: Further poses of the same skin and print: cases on the same pattern with pressures,
+            loads, supports and targets of their own. Pressures of poses are prescribed. The shape
+            part of T is the mean over all poses, weighted by `importance`.
+        importance: Weight of this pose.
+        name: Name of a further pose, an identifier, before the names of its metrics; None takes
+            "pose_2" and so on.
     """
 
     pattern: Pattern
@@ -100,6 +106,9 @@ class Case:
     contact: Contact | None = None
     force: Floats | None = None
     quadratic: Bools | None = None
+    poses: Sequence[Case] = ()
+    importance: float = 1.0
+    name: str | None = None
 
     @cached_property
     def whole(self) -> Mirrored:
@@ -138,6 +147,21 @@ class Case:
 
         length = 1e3 * float(np.ptp(self.whole.pattern.points, axis=0).max())
         return (Metric("distance", "mm", 0.0, measure, length),)
+
+    def differs_in_pressure_alone(self, other: Case) -> bool:
+        """Return whether another pose is on the same path over the pressure: but for its target."""
+        force, supports = self._acting, self.supports
+        return (
+            np.array_equal(force, other._acting)
+            and np.array_equal(supports.fixed, other.supports.fixed)
+            and supports.displacement is other.supports.displacement
+            and (self.weight, self.contact) == (other.weight, other.contact)
+        )
+
+    @property
+    def _acting(self) -> Floats:
+        """Dead forces in N on all assembled vertices, (n, 3)."""
+        return np.zeros_like(self.pattern.points) if self.force is None else np.asarray(self.force)
 
     def objective(self, skin: Skin) -> Objective:
         """Return the objective on the sewn skin, the sum of its parts (collective).
@@ -197,7 +221,8 @@ class Case:
             moved = np.any(pattern.points != self.pattern.points, axis=1)
             there = make_transfer(self.pattern, pattern).positions(np.asarray(target))
             target = np.where(moved[:, None], there, target)
-        return replace(self, pattern=pattern, target=target)
+        poses = [pose.on(pattern) for pose in self.poses]
+        return replace(self, pattern=pattern, target=target, poses=poses)
 
     def refined(self) -> Case:
         """Return the same case on the refined pattern.
@@ -234,6 +259,7 @@ class Case:
             chambers=self.chambers and self.chambers.refined(finer),
             quadratic=None if self.quadratic is None else self.quadratic[finer.cell],
             force=None if force is None else carried_force(finer, np.asarray(force)),
+            poses=[pose.on_finer(finer) for pose in self.poses],
         )
 
     def _sum(self, nodes: Nodes, target: Floats) -> Objective:

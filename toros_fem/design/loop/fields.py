@@ -221,6 +221,7 @@ class CarriedDesign:
         density: ρ of all triangles, (t,); or all variables of each, (t, k).
         pressures: Pressure of each chamber in Pa; empty without any.
         positions: Positions of all vertices, (n, 3), in m; None starts from the assembled shape.
+        poses: The same of further poses.
         projected: ρ̄ of all triangles, (t,), which another mesh starts from, so that its filter sees
             the lines of the print with sharp borders; None takes ρ there too.
         level: Number of the mesh that takes it over, from 0, for the rows of its history.
@@ -239,6 +240,7 @@ class CarriedDesign:
     history: tuple[Iteration, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     initial: InitialDensity | None = None
+    poses: tuple[Floats | None, ...] = ()
 
     def on(self, problem: DesignProblem) -> tuple[Floats, Any]:
         """Return the variables of this rank and a state to start from (collective).
@@ -249,16 +251,20 @@ class CarriedDesign:
             PanelError: Its panels are others.
         """
         here, there = self.pattern, problem.skin.pattern
-        density, positions = self.density, self.positions
+        density, shapes = self.density, [self.positions, *self.poses]
         same = np.array_equal(here.flat_triangles, there.flat_triangles) and np.array_equal(
             here.flat_points, there.flat_points
         )
         if not same:
             transfer = make_transfer(here, there)
             density = transfer.at_cells(density if self.projected is None else self.projected)
-            positions = None if positions is None else transfer.positions(positions)
-        state = None if positions is None else problem.physics.state_at(positions)
-        return density[problem.skin.owned_cells].ravel(), state
+            shapes = [None if shape is None else transfer.positions(shape) for shape in shapes]
+        states = [
+            None if shape is None else pose.physics.state_at(shape)
+            for pose, shape in zip(problem.every, shapes, strict=False)
+        ]
+        start = tuple(states) if problem.poses else states[0]
+        return density[problem.skin.owned_cells].ravel(), start
 
 
 def initial_density(problem: DesignProblem, density: Floats) -> InitialDensity | None:

@@ -72,7 +72,8 @@ def signature_of(problem: DesignProblem, *parts: object) -> str:
     for array in (pattern.points, pattern.triangles, pattern.flat_points, pattern.flat_triangles):
         found.update(np.ascontiguousarray(array).tobytes())
     kinds = type(problem).__name__, type(problem.fields).__name__
-    found.update(repr((kinds, *parts)).encode())
+    poses = [len(problem.poses)] if problem.poses else []
+    found.update(repr((kinds, *poses, *parts)).encode())
     return found.hexdigest()
 
 
@@ -120,7 +121,11 @@ def saved_evaluation(evaluation: Evaluation) -> tuple[dict[str, Floats], dict[st
     fields = {"density": e.density, "filtered": e.filtered, "projected": e.projected}
     arrays = {name: by_cell(problem.skin, field) for name, field in fields.items()}
     arrays["unknowns"], response = problem.physics.save(e.equilibrium)
-    return arrays, {"dimensions": [field.ndim for field in fields.values()], "response": response}
+    numbers = {"dimensions": [field.ndim for field in fields.values()], "response": response}
+    for number, pose in enumerate(e.poses, 2):
+        own = pose.problem.physics.save(pose.equilibrium)
+        arrays[f"unknowns_{number}"], numbers[f"response_{number}"] = own
+    return arrays, numbers
 
 
 def restored_evaluation(problem: DesignProblem, saved: Archive) -> Evaluation:
@@ -137,10 +142,15 @@ def restored_evaluation(problem: DesignProblem, saved: Archive) -> Evaluation:
             own.ravel() if dimension == 1 else own
             for own, dimension in zip(rows, numbers["dimensions"], strict=True)
         )
-        unknowns, known = saved.arrays["unknowns"], numbers["response"]
-        response = problem.physics.restore(projected, unknowns, known)
+        ends = ["", *(f"_{number}" for number, _ in enumerate(problem.poses, 2))]
+        responses = [
+            pose.physics.restore(
+                projected, saved.arrays[f"unknowns{end}"], numbers[f"response{end}"]
+            )
+            for pose, end in zip(problem.every, ends, strict=True)
+        ]
     seconds = {"filter": 0.0, "equilibrium": 0.0}
-    return problem.told(density, filtered, projected, response, seconds)
+    return problem.told(density, filtered, projected, responses, seconds)
 
 
 @contextmanager

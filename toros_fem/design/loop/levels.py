@@ -34,6 +34,7 @@ def gathered(result: DesignResult) -> CarriedDesign:
         density=np.clip(problem.skin.gather_cells(final.density), 0, 1),  # rounding
         pressures=result.pressures,
         positions=problem.physics.shape_of(final.equilibrium),
+        poses=tuple(one.problem.physics.shape_of(one.equilibrium) for one in final.poses),
         projected=np.clip(problem.skin.gather_cells(final.projected), 0, 1),
         level=result.history[-1].level + 1,
         history=result.history,

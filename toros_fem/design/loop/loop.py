@@ -225,7 +225,7 @@ class _Run:
         """Take variables, pressures, state and history to start from (collective)."""
         fields, pressures = self.problem.fields, self.problem.physics.pressures
         if isinstance(after, DesignResult):
-            given, self.here, self.start = after.density, after.final, after.final.equilibrium
+            given, self.here, self.start = after.density, after.final, after.final.start
             self.level = after.history[-1].level
         elif after is not None:
             given, self.start = after.on(self.problem)
@@ -348,7 +348,7 @@ class _Run:
         self, problem: DesignProblem, steps: Steps, near: Evaluation, here: Functions
     ) -> Evaluation | None:
         """Return the design that MMA proposes, or a more cautious one; None without equilibrium."""
-        before, o, start = self.x, self.options, near.equilibrium
+        before, o, start = self.x, self.options, near.start
         with self.timed("mma"):
             self.x = steps.mma.step(before, here)
         merit = steps.merit()
@@ -373,7 +373,7 @@ class _Run:
         """Take a design as the current one; return it with its gradients (collective)."""
         with self.timed("adjoint"):
             slopes = design.problem.differentiate(design)
-        self.here, self.start = design, design.equilibrium
+        self.here, self.start = design, design.start
         return design, slopes
 
     def simulated(self, problem: DesignProblem, start: Any, *, trial: bool = False) -> Evaluation:
@@ -458,7 +458,7 @@ class _Run:
             newton_steps=self.steps,
             factorisations=self.factorisations,
             seconds=time.perf_counter() - self.iteration_begin,
-            metrics=e.problem.metrics_of(e.equilibrium),
+            metrics=e.metrics,
         )
         self.steps = self.factorisations = self.rejected = 0
         self.iteration_begin = time.perf_counter()

@@ -11,7 +11,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.design.loop.case import Case
-from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.measures.cross_sections import COUNTS, CrossSections, Rod, rod_of
 from toros_fem.measures.figures import DEFAULT, TOLERANCE, Tolerances, largest_part
@@ -66,20 +66,27 @@ def shape_measure(problem: ShapeProblem) -> Callable[[Pattern, Floats], Values] 
 def shape_of(made: Evaluation[Equilibrium] | None) -> dict[str, float]:
     """Return the values of the miss of a simulated print, by key (collective).
 
-    They are empty without an equilibrium, and of a design that compares no positions.
+    They are empty without an equilibrium, and of a design that compares no positions. The name of
+    a further pose comes before its keys.
     """
-    problem = None if made is None else made.problem
-    if made is None or not isinstance(problem, ShapeProblem):
-        return {}
-    measure = shape_measure(problem)
-    if measure is None:
-        return {}
-    return dict(measure(problem.skin.pattern, problem.physics.shape_of(made.equilibrium)))
+    found: dict[str, float] = {}
+    for one in () if made is None else made.every:
+        problem = one.problem
+        if isinstance(problem, ShapeProblem) and (measure := shape_measure(problem)) is not None:
+            values = measure(problem.skin.pattern, problem.physics.shape_of(one.equilibrium))
+            found |= {f"{prefix_of(problem)}{key}": value for key, value in values.items()}
+    return found
+
+
+def prefix_of(problem: DesignProblem[Equilibrium]) -> str:
+    """Return what comes before the keys of a problem: the name of a further pose, or nothing."""
+    name = problem.case.name if isinstance(problem, ShapeDesign) else None
+    return "" if name is None else f"{name}_"
 
 
 def quantities_of(problem: ShapeProblem, keys: list[str]) -> list[MetricFunction]:
     """Return the values of a miss, by keys, as functions of their own, for error estimates."""
-    measure = shape_measure(problem)
+    measure, prefix = shape_measure(problem), prefix_of(problem)
     known: tuple[Floats | None, Values] = None, {}
 
     def value(key: str, pattern: Pattern, positions: Floats) -> float:
@@ -87,7 +94,7 @@ def quantities_of(problem: ShapeProblem, keys: list[str]) -> list[MetricFunction
         assert measure is not None
         if known[0] is not positions:  # all values of a mesh are measured at once
             known = positions, measure(pattern, positions)
-        return float(known[1].get(key, np.nan))
+        return float(known[1].get(key.removeprefix(prefix), np.nan))
 
     return [partial(value, key) for key in keys]
 

@@ -6,6 +6,8 @@ import copy
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
+from operator import is_
 from typing import Any, Generic, Protocol, Self
 
 import numpy as np
@@ -66,10 +68,11 @@ class Evaluation(Generic[R]):
         density: ρ, the variables of this rank.
         filtered, projected: ρ̃ and ρ̄ at owned triangles.
         equilibrium: Response to ρ̄: the equilibrium, or the profile of a tile.
-        shape: The part of T that measures the distance from the target.
+        shape: The part of T that measures the distance from the target, of all poses.
         measures: Measure of each term, by name.
         length_scale: (g_r, g_t) of eqs. (13, 14); None without width constraints.
         seconds: Wall time by phase, on this rank.
+        poses: Evaluations of the problem's further poses.
     """
 
     problem: DesignProblem[R]
@@ -81,6 +84,26 @@ class Evaluation(Generic[R]):
     measures: Mapping[str, float]
     length_scale: Floats | None
     seconds: Mapping[str, float]
+    poses: tuple[Evaluation[R], ...] = ()
+
+    @property
+    def every(self) -> tuple[Evaluation[R], ...]:
+        """Evaluations of all poses, this one first."""
+        return self, *self.poses
+
+    @property
+    def start(self) -> Any:
+        """What the simulation of a neighbouring design starts from, as of `simulate`."""
+        return tuple(one.equilibrium for one in self.every) if self.poses else self.equilibrium
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Metrics of all poses by key, equal on all ranks (collective)."""
+        return {
+            key: value
+            for one in self.every
+            for key, value in one.problem.metrics_of(one.equilibrium).items()
+        }
 
     @property
     def objective(self) -> float:
@@ -97,12 +120,12 @@ class Evaluation(Generic[R]):
     @property
     def steps(self) -> int:
         """Number of Newton steps."""
-        return self.equilibrium.steps
+        return sum(one.equilibrium.steps for one in self.every)
 
     @property
     def factorisations(self) -> int:
         """Number of factorisations."""
-        return self.equilibrium.factorisations
+        return sum(one.equilibrium.factorisations for one in self.every)
 
 
 @dataclass(eq=False)
@@ -126,6 +149,9 @@ class DesignProblem(Generic[R]):
             objective has none.
         pressure_weight: Weight in T of ln(p/p_least) of each designed pressure, so that a design
             takes no more pressure than its target wants; None leaves it out.
+        poses: Problems of further poses of the same fields, with physics, objective and metrics of
+            their own; their fields and terms are not asked.
+        importance: Weight of this pose in the mean of the objectives of all poses.
     """
 
     fields: Fields
@@ -137,6 +163,8 @@ class DesignProblem(Generic[R]):
     whole: Mirrored = None  # type: ignore[assignment]  # by default the skin itself
     target: Floats | None = None
     pressure_weight: float | None = None
+    poses: Sequence[DesignProblem[R]] = ()
+    importance: float = 1.0
 
     def __post_init__(self) -> None:
         self.whole = self.whole or mirrored(self.skin.pattern, ())
@@ -147,6 +175,22 @@ class DesignProblem(Generic[R]):
         other = copy.copy(self)
         vars(other).update(parts)
         return other
+
+    @property
+    def every(self) -> tuple[DesignProblem[R], ...]:
+        """The problems of all poses, this one first."""
+        return self, *self.poses
+
+    @property
+    def all_metrics(self) -> tuple[Metric, ...]:
+        """The metrics of all poses."""
+        return tuple(metric for one in self.every for metric in one.metrics)
+
+    @property
+    def portions(self) -> list[float]:
+        """Portion of each pose in T."""
+        total = sum(one.importance for one in self.every)
+        return [one.importance / total for one in self.every]
 
     def pressure_cost(self, pressures: Sequence[float]) -> float:
         """Return the part of T that prefers less of the pressures of all chambers, in Pa."""
@@ -199,7 +243,9 @@ class DesignProblem(Generic[R]):
 
         Args:
             density: ρ, the variables of this rank, in [0, 1].
-            start, pressure, trial: As of `Physics.respond`.
+            start: State to start from, of all poses as a tuple, or of the first one.
+            pressure, trial: As of `Physics.respond`. Pressures of further poses change by the same
+                factor.
 
         Raises:
             ParameterError: The density does not fit or leaves [0, 1].
@@ -236,9 +282,9 @@ class DesignProblem(Generic[R]):
         projected = self.fields.with_passive(np.asarray(printed, dtype=np.float64))
         density = filtered = projected
         if like is not None:
-            density, filtered, near = like.density, like.filtered, like.equilibrium
-            start = near if start is None else start
-            pressure = near.pressures or None if pressure is None else pressure
+            density, filtered = like.density, like.filtered
+            start = like.start if start is None else start
+            pressure = like.equilibrium.pressures or None if pressure is None else pressure
         return self._evaluated(density, filtered, projected, (start, pressure), begin)
 
     def _evaluated(
@@ -252,19 +298,36 @@ class DesignProblem(Generic[R]):
         trial: bool = False,
     ) -> Evaluation[R]:
         middle = time.perf_counter()
-        response = self.physics.respond(projected, *near, trial=trial)
+        responses = self._responses(projected, *near, trial=trial)
         seconds = {"filter": middle - begin, "equilibrium": time.perf_counter() - middle}
-        return self.told(density, filtered, projected, response, seconds)
+        return self.told(density, filtered, projected, responses, seconds)
+
+    def _responses(
+        self, projected: Floats, start: Any, pressure: Pressure | None, *, trial: bool
+    ) -> list[R]:
+        """Return the response of each pose."""
+        starts = start if isinstance(start, tuple) else (start,)
+        responses = [self.physics.respond(projected, starts[0], pressure, trial=trial)]
+        factor = self._factor(responses[0].pressures)
+        for pose, near in zip_longest(self.poses, starts[1:]):
+            pressures = [factor * own for own in pose.physics.pressures]
+            responses.append(pose.physics.respond(projected, near, pressures, trial=trial))
+        return responses
+
+    def _factor(self, pressures: Sequence[float]) -> float:
+        """Return the factor by which pressures differ from those of the problem."""
+        given = max(self.physics.pressures, default=0.0)
+        return max(pressures) / given if given > 0 else 1.0
 
     def told(
         self,
         density: Floats,
         filtered: Floats,
         projected: Floats,
-        response: R,
+        responses: Sequence[R],
         seconds: dict[str, float],
     ) -> Evaluation[R]:
-        """Return the evaluation of fields and of the response to them (collective).
+        """Return the evaluation of fields and of the response of each pose to them (collective).
 
         The seconds are those that both took; those of the measures are added.
         """
@@ -274,10 +337,21 @@ class DesignProblem(Generic[R]):
         if self.length_scale is not None:
             widths = self.length_scale.forward(density, filtered, projected)
         seconds["filter"] += time.perf_counter() - begin
-        shape = self.objective.forward(self.physics.observed(response))
-        return Evaluation(
-            self, density, filtered, projected, response, shape, measures, widths, seconds
+        first, *others = responses
+        own = self.objective.forward(self.physics.observed(first))
+        poses = tuple(
+            pose.told(density, filtered, projected, [response], {"filter": 0.0})
+            for pose, response in zip(self.poses, others, strict=True)
         )
+        shape = self.mean([own, *(pose.shape for pose in poses)])
+        fields = density, filtered, projected
+        return Evaluation(self, *fields, first, shape, measures, widths, seconds, poses)
+
+    def mean(self, shapes: Sequence[float]) -> float:
+        """Return the mean of the objectives of all poses, weighted by their importance."""
+        if len(shapes) == 1:
+            return shapes[0]
+        return float(np.dot(self.portions, shapes))
 
     def finish(self, evaluation: Evaluation[R]) -> Evaluation[R]:
         """Complete a trial, so that it can be differentiated (collective).
@@ -288,11 +362,13 @@ class DesignProblem(Generic[R]):
         """
         begin, e = time.perf_counter(), evaluation
         response = self.physics.finish(e.equilibrium)
-        if response is e.equilibrium:
+        poses = tuple(pose.problem.finish(pose) for pose in e.poses)
+        if response is e.equilibrium and all(map(is_, poses, e.poses)):
             return evaluation
-        shape = self.objective.forward(self.physics.observed(response))
+        own = self.objective.forward(self.physics.observed(response))
+        shape = self.mean([own, *(pose.shape for pose in poses)])
         seconds = {"equilibrium": time.perf_counter() - begin}
-        return replace(e, equilibrium=response, shape=shape, seconds=seconds)
+        return replace(e, equilibrium=response, shape=shape, seconds=seconds, poses=poses)
 
     def differentiate(self, evaluation: Evaluation[R]) -> Slopes:
         """Return the gradients of the last simulation, by adjoint solves, eqs. 18, 19 (collective).
@@ -301,8 +377,12 @@ class DesignProblem(Generic[R]):
             ParameterError: The solver has been used for another design since.
         """
         e, fields = evaluation, self.fields
-        by_seen = self.objective.backward(self.physics.observed(e.equilibrium))
-        by_projected, by_pressure = self.physics.pull_back(e.equilibrium, by_seen)
+        by_projected, by_pressure = self._pulled_back(e.equilibrium)
+        if e.poses:  # whose pressures are prescribed
+            own, *others = self.portions
+            by_projected = own * by_projected
+            for portion, pose in zip(others, e.poses, strict=True):
+                by_projected += portion * pose.problem._pulled_back(pose.equilibrium)[0]
         if by_pressure is not None and self.pressure_weight is not None:
             pairs = zip(e.equilibrium.pressures, self.physics.pressure_ranges, strict=True)
             slopes = [self.pressure_weight / p if bounds else 0.0 for p, bounds in pairs]
@@ -324,6 +404,11 @@ class DesignProblem(Generic[R]):
             widths,
             replace(found, gradients=rows),
         )
+
+    def _pulled_back(self, response: R) -> tuple[Floats, Floats | None]:
+        """Return the gradients of the objective by ρ̄ and by the pressures (collective)."""
+        by_seen = self.objective.backward(self.physics.observed(response))
+        return self.physics.pull_back(response, by_seen)
 
     def evaluate(
         self, density: Floats, start: Any = None, pressure: Pressure | None = None

@@ -221,12 +221,15 @@ class ShapeDesign(ShapeProblem):
         regularisation: Filter, projection, widths and perimeter.
         options: Options of the equilibrium solver.
         log: Called with each Newton step, on every rank.
+        among: The design of the first pose, whose skin and fields a further one takes; None for the
+            first one.
 
     Attributes:
         case, regularisation: As given, or as they were changed by the methods of this class. What
             else `changed` gives holds on this mesh alone, but for metrics. Where nothing is
             designed, as in a print, width constraints and perimeter are left out.
         fields: DensityFields, filter and projection.
+        poses: Designs of the further poses.
 
     Raises:
         TorosError: An argument does not fit the pattern or is out of its bounds; the message names
@@ -234,6 +237,7 @@ class ShapeDesign(ShapeProblem):
     """
 
     fields: DensityFields
+    poses: Sequence[ShapeDesign]
 
     def __init__(
         self,
@@ -243,6 +247,7 @@ class ShapeDesign(ShapeProblem):
         *,
         options: NewtonOptions | None = None,
         log: Callable[[NewtonStep | str], None] | None = None,
+        among: ShapeDesign | None = None,
     ) -> None:
         require_kind("case", case, Case, "a Case")
         require_kind("regularisation", regularisation, Regularisation, "a Regularisation")
@@ -251,7 +256,7 @@ class ShapeDesign(ShapeProblem):
         if passive is not None and not np.isnan(passive).any():
             regularisation = regularisation.plain
         self.case, self.regularisation, self._log = case, regularisation, log
-        skin = sew(comm, case.pattern)
+        skin = sew(comm, case.pattern) if among is None else among.skin
         goal = checked_target(skin, case.goal)
         require_near(case.pattern, goal)
         force, whole, r = case.force, case.whole, regularisation
@@ -271,17 +276,27 @@ class ShapeDesign(ShapeProblem):
         )
         physics = InflatedSkin(solver, case.pressure, case.pressure_bounds, force)
         beyond = whole if whole.parts > 1 else None
-        density_filter = make_filter(r.filter, skin, r.filter_radius, beyond)
-        passive = None if passive is None else passive[skin.owned_cells]
+        if among is None:
+            density_filter = make_filter(r.filter, skin, r.filter_radius, beyond)
+            passive = None if passive is None else passive[skin.owned_cells]
+            fields = DensityFields(skin, density_filter, r.projection, passive, case.start)
+        else:
+            fields = among.fields
         super().__init__(
-            DensityFields(skin, density_filter, r.projection, passive, case.start),
+            fields,
             physics,
             case.objective(skin),
             metrics=case.judged,
             whole=whole,
             target=goal,
             pressure_weight=case.pressure_weight,
+            importance=case.importance,
         )
+        _require_poses(case)
+        self.poses = [
+            ShapeDesign(comm, pose, r.plain, options=options, log=log, among=self)
+            for pose in poses_of(case)
+        ]
         self._of_case = self.objective, self.metrics
         if r.perimeter_weight is not None:
             require_positive(perimeter_weight=r.perimeter_weight)
@@ -292,7 +307,7 @@ class ShapeDesign(ShapeProblem):
         if r.length_scale is not None:
             self.length_scale = LengthScaleConstraints(
                 skin,
-                density_filter,
+                fields.filter,
                 r.length_scale,
                 self.designed,
                 r.projection,
@@ -308,10 +323,16 @@ class ShapeDesign(ShapeProblem):
             case: A case on the same pattern.
         """
         given = replace(
-            self.case, target=case.target, parts=case.parts, parts_of_whole=case.parts_of_whole
+            self.case,
+            target=case.target,
+            parts=case.parts,
+            parts_of_whole=case.parts_of_whole,
+            poses=case.poses,
         )
         made = case.objective(self.skin)
-        return self.changed(objective=made, case=given, _of_case=(made, self._of_case[1]))
+        poses = [own.towards(pose) for own, pose in zip(self.poses, case.poses, strict=True)]
+        of_case = made, self._of_case[1]
+        return self.changed(objective=made, case=given, _of_case=of_case, poses=poses)
 
     def on(self, pattern: Pattern) -> ShapeDesign:
         """Return the same design on the same triangles, whose vertices have moved (collective).
@@ -374,6 +395,57 @@ def _check_kinds(
     require_kind("projection", regularisation.projection, Projection, "a Projection")
     what = "a LengthScale, or None"
     require_kind("length_scale", regularisation.length_scale, (LengthScale, type(None)), what)
+
+
+def poses_of(case: Case) -> list[Case]:
+    """Return the further poses of a case, on its print, with their names before their metrics."""
+    made = []
+    for number, pose in enumerate(case.poses, 2):
+        name = pose.name or f"pose_{number}"
+        metrics = [replace(metric, name=f"{name}_{metric.name}") for metric in pose.judged]
+        made.append(
+            replace(
+                pose,
+                name=name,
+                metrics=metrics,
+                passive=case.passive,
+                printed_panels=case.printed_panels,
+                start=None,
+                quadratic=case.quadratic,
+            )
+        )
+    return made
+
+
+def _require_poses(case: Case) -> None:
+    """Check that the poses of a case are those of one skin, with pressures that are given."""
+    poses = [pose for pose in case.poses if isinstance(pose, Case)]
+    require_positive(importance=case.importance)
+    if len(poses) < len(case.poses):
+        raise ParameterError(f"poses = {shown(case.poses)} must be a list of Cases.")
+    for pose in poses:
+        if pose.poses:
+            raise ParameterError("a pose has poses of its own: give all of them to the first case.")
+        if not (
+            np.array_equal(pose.pattern.points, case.pattern.points)
+            and np.array_equal(pose.pattern.triangles, case.pattern.triangles)
+        ):
+            raise ParameterError(
+                f"a pose has another pattern, of {len(pose.pattern.triangles)} triangles, than the "
+                f"first case, of {len(case.pattern.triangles)}; give all poses the same."
+            )
+        sheets = [one.composite or Composite() for one in (case, pose)]
+        if sheets[0] != sheets[1] or tuple(pose.symmetry) != tuple(case.symmetry):
+            raise ParameterError(
+                "a pose has another composite or other symmetry planes than the first case: one "
+                "skin has one of each. Give all poses the same."
+            )
+    bounded = [one for one in (case, *poses) if poses and one.pressure_bounds is not None]
+    if bounded:
+        raise ParameterError(
+            f"pressure_bounds = {shown(bounded[0].pressure_bounds)}, but pressures of poses are "
+            "prescribed. Give pressure_bounds = None, and the pressure of each pose."
+        )
 
 
 def _given_density(case: Case) -> Floats | None:

@@ -84,8 +84,7 @@ class PrintedDesign:
     @property
     def metrics(self) -> dict[str, float]:
         """Metrics of the print, by key; empty without an equilibrium (collective)."""
-        made = self.evaluation
-        return {} if made is None else made.problem.metrics_of(made.equilibrium)
+        return {} if self.evaluation is None else self.evaluation.metrics
 
     @property
     def contours(self) -> list[BaseGeometry]:
@@ -210,13 +209,18 @@ def printed_lines(
     return printed(problem, cleaning, limits, near=near, pressure=pressure, journal=journal)
 
 
-def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> Any:
+def state_near(problem: DesignProblem, pattern: Pattern, *positions: Floats) -> Any:
     """Return the state of a problem with the shape of another mesh of its panels (collective).
 
-    Positions, (n, 3), in m, are those of all of its vertices.
+    Positions, (n, 3), in m, are those of all of its vertices, of the first pose or of all; the
+    state has as many.
     """
-    there = make_transfer(pattern, problem.skin.pattern).positions(positions)
-    return problem.physics.state_at(there)
+    transfer = make_transfer(pattern, problem.skin.pattern)
+    states = [
+        pose.physics.state_at(transfer.positions(shape))
+        for pose, shape in zip(problem.every, positions, strict=False)
+    ]
+    return states[0] if len(states) == 1 else tuple(states)
 
 
 def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: float) -> None:
@@ -256,6 +260,7 @@ def printed(
     """
     skin = problem.skin
     problem.whole.pattern.require_flat_panels("a print")
+    shapes: list[Floats] = []  # of further poses
 
     def made() -> tuple[CleanedRegions, list[BaseGeometry]]:
         cleaned = cleaning()
@@ -269,7 +274,8 @@ def printed(
             return unmeshed(problem, cleaned, limits, str(caught))
         if like is not None:
             if near is None:
-                near = skin.pattern, skin.gather_vertices(like.equilibrium.positions)
+                first, *shapes = (skin.gather_vertices(e.equilibrium.positions) for e in like.every)
+                near = skin.pattern, first
             like = _carried(like, skin, problem.skin)
         skin = problem.skin
     pattern = problem.whole.pattern
@@ -287,7 +293,8 @@ def printed(
             # Layers that fold one way or the other have several stable shapes. The skin takes the
             # one that it is inflated to.
             if near is not None and not problem.flat_at_rest:
-                start = state_near(problem, *(near() if callable(near) else near))
+                there, shape = near() if callable(near) else near
+                start = state_near(problem, there, shape, *shapes)
             if start is None:
                 start = problem.solver.model.assembled
         return problem.simulate_binary(part, like, start=start, pressure=pressure)

@@ -18,12 +18,14 @@ from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
 from toros_fem.design.loop.miss import Aim, Residuals
 from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.making.print.as_printed import PrintedDesign, as_printed, polished
 from toros_fem.measures.cross_sections import Rod
 from toros_fem.measures.figures import DEFAULT, Tolerances
 from toros_fem.measures.miss import way_of_sections
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.pressure import SHARE, trimmed, worst_of_print
 
@@ -102,9 +104,9 @@ def corrected(
     comm = result.problem.comm
     best, least = (result, printed), worst_of_print(printed, tolerances)
     assert isinstance(result.problem, ShapeDesign)
-    asked = result.problem.case.goal
+    asked = [pose.case.goal for pose in (result.problem, *result.problem.poses)]
 
-    def helps(attempt: DesignResult, target: Floats) -> bool:
+    def helps(attempt: DesignResult, target: list[Floats]) -> bool:
         nonlocal best, least, asked
         made, before = again_printed(attempt), least
         worst = worst_of_print(made, tolerances)
@@ -128,34 +130,54 @@ def corrected(
 def _again(
     last: DesignResult,
     printed: PrintedDesign,
-    asked: Floats,
+    asked: Sequence[Floats],
     options: DesignOptions,
     callback: Callback | None,
     journal: Journal | None,
-) -> tuple[DesignResult, Floats]:
-    """Return the design that is asked for what the print of the last one missed, and its target.
+) -> tuple[DesignResult, list[Floats]]:
+    """Return the design that is asked for what the print of the last one missed, and its targets.
 
-    That of the last one was `asked`.
+    Those of the last one were `asked`, one for each pose.
     """
-    problem, own, made = last.problem, last.final.equilibrium, printed.evaluation
+    problem, pressures = last.problem, last.final.equilibrium.pressures
+    made = printed.evaluation
     assert isinstance(problem, ShapeDesign)
     assert made is not None
-    mesh = make_transfer(made.problem.skin.pattern, problem.skin.pattern)
-    shape, designed = made.problem.physics.shape_of(made.equilibrium), problem.physics.shape_of(own)
-    assert shape is not None
-    whole = problem.whole
-    left = way_of_sections(whole.pattern, whole.at_vertices(designed), whole.at_vertices(asked))
-    target = problem.case.goal + designed - mesh.positions(shape) + left[: len(designed)]
+    every = zip((problem, *problem.poses), last.final.every, made.every, asked, strict=True)
+    targets = [_target(*pose) for pose in every]
+    cases = [
+        replace(case, target=target)
+        for case, target in zip((problem.case, *problem.case.poses), targets, strict=True)
+    ]
     bounds = [
         given and (max(given[0], (1 - SHARE) * at), min(given[1], (1 + SHARE) * at))
-        for given, at in zip(problem.physics.pressure_ranges, own.pressures, strict=True)
+        for given, at in zip(problem.physics.pressure_ranges, pressures, strict=True)
     ]
-    physics = replace(problem.physics, pressure=own.pressures, pressure_bounds=bounds)
-    asking = problem.towards(replace(problem.case, target=target)).changed(physics=physics)
+    physics = replace(problem.physics, pressure=pressures, pressure_bounds=bounds)
+    asking = problem.towards(replace(cases[0], poses=cases[1:])).changed(physics=physics)
     found = optimize(asking, options, callback=callback, after=last, journal=journal)
-    shape_part = problem.objective.forward(found.final.equilibrium.positions)
-    final = replace(found.final, shape=shape_part)
-    return replace(found, problem=problem, final=final), target
+    shapes = [
+        pose.objective.forward(one.equilibrium.positions)
+        for pose, one in zip((problem, *problem.poses), found.final.every, strict=True)
+    ]
+    final = replace(found.final, shape=problem.mean(shapes))
+    return replace(found, problem=problem, final=final), targets
+
+
+def _target(
+    problem: ShapeDesign,
+    designed: Evaluation[Equilibrium],
+    printed: Evaluation[Equilibrium],
+    asked: Floats,
+) -> Floats:
+    """Return what to ask of a pose for what its print missed, where the last target was `asked`."""
+    mesh = make_transfer(printed.problem.skin.pattern, problem.skin.pattern)
+    shape, own = (
+        one.problem.skin.gather_vertices(one.equilibrium.positions) for one in (printed, designed)
+    )
+    whole = problem.whole
+    left = way_of_sections(whole.pattern, whole.at_vertices(own), whole.at_vertices(asked))
+    return np.asarray(problem.case.goal + own - mesh.positions(shape) + left[: len(own)])
 
 
 def asked_next(

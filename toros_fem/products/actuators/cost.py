@@ -112,7 +112,7 @@ def expected_time(comm: MPI.Comm, scene: DesignScene, cost: Cost) -> tuple[float
         NoEquilibriumError: Their start has no equilibrium.
     """
     level = probe_level(scene)
-    problem = scene.problem(comm, scene.case(comm, level), level)
+    problem = scene.problem(comm, scene.case_of_poses(comm, level), level)
     begin = time.perf_counter()
     result = optimize(problem, DesignOptions((Stage(PROBE_STEPS),)), seed=scene.design.seed)
     seconds = comm.bcast(time.perf_counter() - begin)
@@ -143,7 +143,7 @@ def sized(comm: MPI.Comm, scene: DesignScene, level: Level) -> tuple[float, Case
     made = None
     try:
         with lowered_limit(QUICK):
-            made = scene.case(comm, level)
+            made = scene.case_of_poses(comm, level)
         area = float(made.pattern.areas.sum())
     except MeshSizeError as error:  # raised by all ranks
         area = error.area

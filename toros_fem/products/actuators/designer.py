@@ -11,9 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-import numpy as np
-
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, PanelError, TorosError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import free_dropped, on_first_rank
@@ -23,7 +20,7 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.making.print.as_printed import PrintedDesign, as_printed, patterns_without_islands
 from toros_fem.making.print.printability import PRINT, printed_fractions, read_print_polygons
 from toros_fem.making.print.regions import print_on
@@ -40,12 +37,16 @@ from toros_fem.products.actuators.estimates import (
     MetricErrors,
     SimulatedPrint,
     is_held,
-    measures_of,
     metric_errors,
     simulated_on,
     values_at,
 )
-from toros_fem.products.actuators.pressure import trimmed, worst_of_print, write_curve
+from toros_fem.products.actuators.pressure import (
+    doubts_of_poses,
+    trimmed,
+    worst_of_print,
+    write_curve,
+)
 from toros_fem.products.actuators.result import SearchRecord, SkinDesign
 from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
 from toros_fem.results.reporter import DesignReporter
@@ -69,8 +70,6 @@ AGAIN, AGAIN_IF_OPEN = 0.5, 0.25
 # Where coarser meshes leave the verdict open, one with edges so many times shorter tells the
 # figures, if it has at most so many triangles.
 FINER, MOST = 2.0, 100_000
-# A skin is flat if its thickness at rest is less than this part of its width.
-FLAT = 0.1
 
 
 class Attempt(NamedTuple):
@@ -232,12 +231,6 @@ def other_ways(
     yield "another seed", tuple(options), seed + ANOTHER_SEED
 
 
-def _is_flat(points: Floats) -> bool:
-    """Return whether vertices, (n, 3), lie almost in a plane, as those of two flat panels."""
-    _, width, thickness = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(thickness < FLAT * width)
-
-
 def problem_of(result: DesignResult) -> ShapeDesign:
     """Return the problem of a design of shapes."""
     problem = result.problem
@@ -327,7 +320,7 @@ class Designer(DensityDesigner):
         comm, scene = self.comm, self.scene
         lines = scene.design.start == "relaxed"
         level = scene.density_level if lines else scene.finest_level
-        stored, case = read_print_polygons(comm, source), scene.case(comm, level)
+        stored, case = read_print_polygons(comm, source), scene.case_of_poses(comm, level)
         try:
             own = print_on(comm, case, stored.pattern, stored.regions, any_size=True)
         except PanelError as caught:
@@ -362,7 +355,7 @@ class Designer(DensityDesigner):
 
         def problems() -> Iterator[ShapeDesign]:
             for level in levels:
-                yield self.problem(scene.case(comm, level), level)
+                yield self.problem(scene.case_of_poses(comm, level), level)
 
         with self.reporter:
             made, others = self.over_levels(problems(), options, after)
@@ -458,7 +451,7 @@ class Designer(DensityDesigner):
         scene, design, level = self.scene, self.scene.design, self.scene.levels[0]
         best = best_start(
             self.comm,
-            lambda alone: scene.problem(alone, scene.case(alone, level), level),
+            lambda alone: scene.problem(alone, scene.case_of_poses(alone, level), level),
             scene.options[0],
             range(design.seed, design.seed + design.starts),
             self.journal,
@@ -508,9 +501,13 @@ class Designer(DensityDesigner):
         scene, folder, printed = self.scene, Path(self.output), found.printed
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
-        found = self._write(replace(found, curve=curve))
+        made = printed.evaluation
+        unreached = () if made is None or curve is None else doubts_of_poses(made)
+        found = self._write(replace(found, curve=curve, pose_doubts=unreached))
         if curve is not None and curve.doubt is not None and self.comm.rank == 0:
             log.warning("%s: it may not take the shape that is told", curve.doubt)
+        for doubt in unreached if self.comm.rank == 0 else ():
+            log.warning("%s: it may not take the shape that is told", doubt)
         summary, place = found.summary(), folder / FOLDER
 
         def make() -> None:
@@ -556,9 +553,11 @@ class Designer(DensityDesigner):
         errors = coarser._errors(found)
         found, finer = found.with_errors(errors), self.scene.checked(level)
         if finer is None:
-            pattern = made.problem.skin.pattern
+            problem = made.problem
+            assert isinstance(problem, ShapeProblem)
+            count = FINER**2 * len(problem.skin.pattern.panel)
             told = errors.failure is None and overall(found.figures) is not State.NOT_CERTAIN
-            if (told and not _is_flat(pattern.points)) or FINER**2 * len(pattern.panel) > MOST:
+            if count > MOST or (told and not problem.flat_at_rest):
                 return found
             finer = self.scene.finer(level, FINER)
         self._check()
@@ -666,10 +665,9 @@ class Designer(DensityDesigner):
         """Return the errors of the metrics of a print that has an equilibrium."""
         made, simulated = found.printed.evaluation, SimulatedPrint.of(found.printed)
         assert made is not None
-        problem = made.problem
-        assert isinstance(problem, ShapeDesign)
-        measures, whole = measures_of(problem, [*found.shape]), problem.whole.pattern
-        return metric_errors(self, self.scene.level_of_print, measures, simulated, whole, known)
+        whole, keys = made.problem.whole.pattern, [*made.metrics, *found.shape]
+        own, level = values_at(made, keys), self.scene.level_of_print
+        return metric_errors(self, level, own, simulated, whole, known)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""

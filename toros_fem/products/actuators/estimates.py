@@ -19,7 +19,7 @@ from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback
-from toros_fem.design.loop.miss import quantities_of, shape_of
+from toros_fem.design.loop.miss import prefix_of, quantities_of, shape_of
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
 from toros_fem.making.print.as_printed import PrintedDesign, Shape, state_near
@@ -82,7 +82,7 @@ class Job:
 def is_held(printed: PrintedDesign) -> bool:
     """Return whether the pressure of a print is given, and not designed."""
     made = printed.evaluation
-    return made is not None and not any(made.problem.physics.pressure_ranges)
+    return made is not None and not made.poses and not any(made.problem.physics.pressure_ranges)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +91,7 @@ class SimulatedPrint:
 
     Attributes:
         near: The shape that the simulation starts from.
+        poses: Positions of its vertices in further poses, (n, 3), in m.
         printed: The print; None for a skin without one.
         pressures: Pressure of each chamber in Pa; None takes those of the scene.
     """
@@ -98,13 +99,16 @@ class SimulatedPrint:
     near: Shape
     printed: Printed | None
     pressures: Sequence[float] | None
+    poses: tuple[Floats, ...] = ()
 
     @classmethod
     def of(cls, printed: PrintedDesign) -> SimulatedPrint:
         """Return a print that has an equilibrium, which is where it starts (collective)."""
         assert printed.evaluation is not None
-        pressures = printed.evaluation.equilibrium.pressures
-        return cls(_shape(printed.evaluation), (printed.pattern, printed.regions), pressures)
+        made = printed.evaluation
+        poses = tuple(_shape(one)[1] for one in made.poses)
+        regions = printed.pattern, printed.regions
+        return cls(_shape(made), regions, made.equilibrium.pressures, poses)
 
 
 def simulated_on(
@@ -120,7 +124,7 @@ def simulated_on(
     Raises:
         NoEquilibriumError: There is none.
     """
-    case, rules = job.scene.case(job.comm, level), level.regularisation
+    case, rules = job.scene.case_of_poses(job.comm, level), level.regularisation
     return simulated_again(job.comm, case, rules, simulated, ratio)
 
 
@@ -131,7 +135,8 @@ def simulated_again(
     if simulated.printed is not None:
         case = case_of_print(comm, case, *simulated.printed, coarser=ratio)
     problem = ShapeDesign(comm, case, rules.plain)
-    start, plain = state_near(problem, *simulated.near), np.zeros(len(problem.designed))
+    start = state_near(problem, *simulated.near, *simulated.poses)
+    plain = np.zeros(len(problem.designed))
     return problem.simulate_binary(plain, start=start, pressure=simulated.pressures)
 
 
@@ -235,26 +240,25 @@ class MetricErrors:
 def metric_errors(
     job: Job,
     level: Level,
-    measures: Measures,
+    own: MeshValues,
     simulated: SimulatedPrint,
     whole: Pattern,
     known: Mapping[float, MeshValues] | None = None,
 ) -> MetricErrors:
-    """Return the errors of measures of a print, from the same print on other meshes (collective).
+    """Return the errors of values of a print, from the same print on other meshes (collective).
 
     With a finer mesh, by `check_refinement`, its values are told, with its intervals.
 
     Args:
         job: What was printed.
         level: The mesh of the print.
-        measures: Functions of a pattern and the positions of its vertices, by key: metrics, and
-            what the shape misses.
+        own: What this mesh tells.
         simulated: The print, and its shape.
         whole: The whole skin, of which a part may be simulated.
         known: What other meshes tell, as far as this is known.
     """
     begin, scene = time.perf_counter(), job.scene
-    found = {1.0: values_of(*simulated.near, measures), **(known or {})}
+    keys, found = [*own.values], {1.0: own, **(known or {})}
     failure = None
     try:
         others = coarser_levels(scene, level)
@@ -266,7 +270,7 @@ def metric_errors(
         if ratio in found:
             continue
         try:
-            found[ratio] = values_on(job, other, simulated, [*measures], ratio)
+            found[ratio] = values_on(job, other, simulated, keys, ratio)
         except TorosError as caught:
             failure = failure or str(caught)
             if ratio < 1 and job.comm.rank == 0:
@@ -274,7 +278,7 @@ def metric_errors(
         free_dropped(job.comm)
     finest = min(found)
     shape = None if finest == 1 else found[finest].at_vertices(simulated.near[0])
-    intervals = _intervals(found, measures, whole)
+    intervals = _intervals(found, keys, whole)
     failure = failure if len(found) == 1 else None
     seconds = time.perf_counter() - begin
     return MetricErrors(found, intervals, shape, failure, seconds)
@@ -307,17 +311,17 @@ def print_intervals(printed: PrintedDesign, coarser: Mapping[float, Case]) -> di
     require_kind("the problem of the print", problem, ShapeDesign, "a ShapeDesign")
     assert isinstance(problem, ShapeDesign)
     rules = problem.regularisation
-    measures, simulated = measures_of(problem, [*shape_of(made)]), SimulatedPrint.of(printed)
-    found = {1.0: values_of(*simulated.near, measures)}
+    simulated, keys = SimulatedPrint.of(printed), [*made.metrics, *shape_of(made)]
+    found = {1.0: values_at(made, keys)}
     for ratio, case in coarser.items():
         try:
             there = simulated_again(problem.comm, case, rules.scaled(ratio), simulated, ratio)
-            found[ratio] = values_at(there, [*measures])
+            found[ratio] = values_at(there, keys)
         except (NoEquilibriumError, PatternError) as caught:  # raised by all ranks or by none
             if problem.comm.rank == 0:
                 log.warning("a coarser mesh is left out of the intervals: %s", caught)
         free_dropped(problem.comm)
-    return _intervals(found, measures, problem.whole.pattern)
+    return _intervals(found, keys, problem.whole.pattern)
 
 
 def values_of(pattern: Pattern, positions: Floats, measures: Measures) -> MeshValues:
@@ -392,14 +396,18 @@ def trial_intervals(
 
 def measures_of(problem: ShapeDesign, keys: Sequence[str]) -> Measures:
     """Return the metrics of a problem, and the values of its miss with these keys."""
-    metrics = {metric.key: metric.measure for metric in problem.metrics}
-    missed = [key for key in keys if key not in metrics]
+    metrics, prefix = {m.key: m.measure for m in problem.metrics}, prefix_of(problem)
+    missed = [key for key in keys if key not in metrics and key.startswith(prefix)]
     return metrics | dict(zip(missed, quantities_of(problem, missed), strict=True))
 
 
 def values_at(made: Evaluation[Equilibrium], keys: Sequence[str]) -> MeshValues:
-    """Return what a simulated print tells by these keys, as of `values_on` (collective)."""
-    problem = made.problem
-    assert isinstance(problem, ShapeDesign)
-    positions = problem.skin.gather_vertices(made.equilibrium.positions)
-    return values_of(problem.skin.pattern, positions, measures_of(problem, keys))
+    """Return what a simulated print tells by these keys in all poses, as of `values_on`.
+
+    It is collective.
+    """
+    values: dict[str, float] = {}
+    for one in made.every:
+        assert isinstance(one.problem, ShapeDesign)
+        values |= values_of(*_shape(one), measures_of(one.problem, keys)).values
+    return MeshValues(*_shape(made), values)

@@ -17,7 +17,7 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.files import guarded, write_table
 from toros_fem.base.mpi import largest
 from toros_fem.base.validation import require_between, require_kind
-from toros_fem.design.loop.miss import worst_figure
+from toros_fem.design.loop.miss import prefix_of, worst_figure
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.making.print.as_printed import PrintedDesign
@@ -45,6 +45,7 @@ PARTS = 12
 # Shapes that differ by less than this part of the skin's size are the same.
 JOINED = 1e-3
 OTHER_SHAPE = "inflated from rest, the skin takes another shape"
+NO_POSE_FROM_REST = "inflating from rest finds no equilibrium"
 NOT_FROM_REST = "inflating from rest to the curve's lowest pressure finds no equilibrium"
 # Pressures that differ by this fraction are the same.
 SAME = 1e-9
@@ -92,13 +93,12 @@ def trimmed(
     for own, given, bounds in zip(at, problem.physics.pressures, ranges, strict=True):
         if own > 0:
             highest = min(highest, float(np.log((bounds[1] if bounds else given) / own)))
-    least, total = worst_figure(problem, _shape(made), tolerances), 0.0
+    least, total = _worst(made, tolerances), 0.0
     for _ in range(ROUNDS):
         if least <= ENOUGH or not highest > lowest:
             break
-        shape, motion = _shape(made), _motion(problem, made.equilibrium)
         steps = np.linspace(lowest, highest, SAMPLES) - total
-        promised = [worst_figure(problem, shape + step * motion, tolerances) for step in steps]
+        promised = np.max([_promised(one, steps, tolerances) for one in made.every], axis=0)
         best = int(np.argmin(promised))
         if promised[best] > PROMISING * least:
             break
@@ -109,7 +109,7 @@ def trimmed(
             )
         except NoEquilibriumError:  # raised by all ranks or by none
             break
-        worst = worst_figure(problem, _shape(other), tolerances)
+        worst = _worst(other, tolerances)
         if worst >= least:
             break
         made, least, total = other, worst, total + float(steps[best])
@@ -124,7 +124,24 @@ def worst_of_print(printed: PrintedDesign, tolerances: Tolerances = DEFAULT) -> 
     made = printed.evaluation
     if made is None or not isinstance(made.problem, ShapeProblem):
         return np.inf
-    return worst_figure(made.problem, _shape(made), tolerances)
+    return _worst(made, tolerances)
+
+
+def _worst(made: Evaluation[Equilibrium], tolerances: Tolerances) -> float:
+    """Return the worst figure of all poses."""
+    return max(worst_figure(_problem(one), _shape(one), tolerances) for one in made.every)
+
+
+def _promised(made: Evaluation[Equilibrium], steps: Floats, tolerances: Tolerances) -> list[float]:
+    """Return the worst figure of a pose where the logarithm of its pressures changes by steps."""
+    problem, shape = _problem(made), _shape(made)
+    motion = _motion(problem, made.equilibrium)
+    return [worst_figure(problem, shape + step * motion, tolerances) for step in steps]
+
+
+def _problem(made: Evaluation[Equilibrium]) -> ShapeProblem:
+    assert isinstance(made.problem, ShapeProblem)
+    return made.problem
 
 
 def _shape(made: Evaluation[Equilibrium]) -> Floats:
@@ -261,19 +278,31 @@ def trace_pressure_curve(
         unfilled_at,
         failure_below,
         failure_above,
-        _joins_rest(solver, made.projected, points[0]),
+        _joins_rest(solver, made.projected, points[0].result),
         notes=notes_at((p.result.pressure, p.result.condition.sentences) for p in points),
     )
     return points, found
 
 
-def _joins_rest(solver: EquilibriumSolver, density: Floats, point: TracePoint) -> bool | None:
-    """Return whether inflating from rest ends in the shape of a point (collective)."""
+def doubts_of_poses(made: Evaluation[Equilibrium]) -> list[str]:
+    """Return which further poses of a print inflating from rest does not reach (collective)."""
+    doubts = []
+    for one in made.poses:
+        problem = _problem(one)
+        joins = _joins_rest(problem.solver, one.projected, one.equilibrium)
+        if not joins:
+            doubt = OTHER_SHAPE if joins is False else NO_POSE_FROM_REST
+            doubts.append(f"{prefix_of(problem).rstrip('_')}: {doubt}")
+    return doubts
+
+
+def _joins_rest(solver: EquilibriumSolver, density: Floats, at: Equilibrium) -> bool | None:
+    """Return whether inflating from rest ends in the shape of an equilibrium (collective)."""
     try:
-        found = solver.solve(density, point.result.load)
+        found = solver.solve(density, at.load)
     except (EquilibriumError, ParameterError):  # raised by all ranks or by none
         return None
-    off = np.abs(found.positions - point.result.positions).max(initial=0.0)
+    off = np.abs(found.positions - at.positions).max(initial=0.0)
     skin = solver.model.skin
     return largest(skin.comm, off) < JOINED * skin.pattern.size
 

@@ -89,6 +89,7 @@ class SkinDesign(PrintedResult):
         curve: What the print does over the pressure; None if this was left out.
         trial: What it was simulated at besides, of a walker or a gripper for instance.
         corrections: How often it could be asked again for what its print missed.
+        pose_doubts: Further poses that inflating from rest does not reach, as sentences.
     """
 
     search: SearchRecord
@@ -96,6 +97,7 @@ class SkinDesign(PrintedResult):
     curve: CurveFigures | None = None
     trial: TrialResult | None = None
     corrections: int = 0
+    pose_doubts: Sequence[str] = ()
 
     def with_errors(self, errors: MetricErrors) -> SkinDesign:
         """Return it with errors, and with the values and the shape that they tell."""
@@ -135,7 +137,7 @@ class SkinDesign(PrintedResult):
             found.append(f"correction {rounds} hardly helped")
         if self.curve is not None and self.curve.doubt is not None:
             found.append(self.curve.doubt)
-        return tuple(found)
+        return (*found, *self.pose_doubts)
 
     def entries(self) -> dict[str, Any]:
         """Return design, print, search, errors, curve and cost."""

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.scene import Scene
+from toros_fem.base.keys import Key, Positive, Table, Text, key, nearest
+from toros_fem.base.scene import NO_TABLE, Scene
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
@@ -375,12 +376,16 @@ class DesignScene(Scene):
         return actuator_cost(comm, self, from_print=from_print)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
-        """Return skin, loads and target on the mesh of a level (collective).
+        """Return skin, loads and target of the first pose on the mesh of a level (collective).
 
         Raises:
             TorosError: Numbers do not fit each other.
         """
         raise NotImplementedError(f"{type(self).__name__} has no case.")
+
+    def case_of_poses(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return the case of the first pose with those of all further ones (collective)."""
+        return self.case(comm, level)
 
     def require_possible(self, pattern: Pattern) -> None:
         """Check numbers of the design on a skin that do not need its own mesh.
@@ -408,14 +413,87 @@ class DesignScene(Scene):
         return ShapeDesign(comm, case, level.regularisation, log=log)
 
 
+class Pose(Table):
+    """A further pose of the same skin, with what differs from the scene's."""
+
+    name: Text | None = key(None, "name of the pose; none takes its number: pose_2 and so on")
+    importance: Positive = key(1.0, "weight of the pose in the objective; the first pose has 1")
+
+    def __post_init__(self) -> None:
+        if self.name is not None and not self.name.isidentifier():
+            raise ParameterError(
+                f"name = {self.name!r} must be an identifier, since names of figures begin with "
+                "it. Use letters, digits and underscores.",
+                "name",
+            )
+
+
 class ActuatorScene(DesignScene):
     """A kind of scenes: a skin of sheets under a pressure, its size and its quick variant."""
 
     material: SkinSheets = SkinSheets()
     pressure: PressureTable = PressureTable()
+    # Values of each further pose by key.
+    poses: tuple[Mapping[str, Any], ...] = field(default=(), metadata=NO_TABLE)
 
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
     START_STRAIN: ClassVar[float] = START_STRAIN
+    POSE_TABLES: ClassVar[tuple[str, ...]] = ("target", "object", "pressure", "load", "contact")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.poses:
+            return
+        if self.design.start == "relaxed":
+            raise ParameterError(
+                "start = 'relaxed' lays lines for one pose, and there are further ones. Set start "
+                "= 'random'.",
+                "start",
+            )
+        for values in self.poses:
+            self._of_pose(values)
+
+    @classmethod
+    def pose_keys(cls) -> dict[str, Key]:
+        """Return the keys that a further pose may have, by name."""
+        tables = cls.tables()
+        keys = [tables[name].described() for name in cls.POSE_TABLES if name in tables]
+        found = {name: one for of in (Pose.described(), *keys) for name, one in of.items()}
+        found.pop("hold_pressure", None)  # pressures of poses are
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all values by the names of their keys, with those of further poses."""
+        poses = {"poses": [dict(values) for values in self.poses]} if self.poses else {}
+        return {**super().as_dict(), **poses}
+
+    def _of_pose(self, values: Mapping[str, Any]) -> tuple[Self, Pose]:
+        """Return the scene of one pose, whose pressure is held, and its name and weight.
+
+        Raises:
+            ParameterError: A key is unknown or does not belong to a pose, or a value is wrong.
+        """
+        known, own = self.pose_keys(), Pose.described()
+        for name in values:
+            if name not in known:
+                raise ParameterError(
+                    f"unknown key {name!r} of a pose; {nearest(name, known)}", name
+                )
+        given = {name: value for name, value in values.items() if name not in own}
+        pose = Pose(**{name: value for name, value in values.items() if name in own})
+        return replace(self, poses=()).updated(hold_pressure=True, **given), pose
+
+    def case_of_poses(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return the case of the first pose with those of all further ones (collective)."""
+        if not self.poses:
+            return self.case(comm, level)
+        scenes = [self._of_pose(values) for values in ({}, *self.poses)]
+        first, *others = (scene.case(comm, level) for scene, _ in scenes)
+        poses = [
+            replace(other, pattern=first.pattern, name=pose.name, importance=pose.importance)
+            for other, (_, pose) in zip(others, scenes[1:], strict=True)
+        ]
+        return replace(first, poses=poses)
 
     def coarse(self) -> Self:
         """Return the quick variant: a mesh less, or one with longer edges that are still useful."""
@@ -475,12 +553,12 @@ class ActuatorScene(DesignScene):
         yield from skin.groups()
         if curve is not None:
             yield skin.load("curve_pressure", curve)
-        for key, edge in self.edges.items():
-            if key != "relaxed_edge_length":  # lines are laid on a finer mesh
-                yield Group("edges", key, skin.girth / edge)
-        for key in LAYERS:
-            if key in self.described() and (thickness := self.value(key)) is not None:
-                yield Group("thickness", key, thickness / skin.radius)
+        for name, edge in self.edges.items():
+            if name != "relaxed_edge_length":  # lines are laid on a finer mesh
+                yield Group("edges", name, skin.girth / edge)
+        for name in LAYERS:
+            if name in self.described() and (thickness := self.value(name)) is not None:
+                yield Group("thickness", name, thickness / skin.radius)
         widths: dict[str, float | None] = {"print_width": self.print.print_width}
         if design.constrained_iterations:
             widths |= {"line_width": design.line_width, "gap_width": design.gap_width}
@@ -489,7 +567,7 @@ class ActuatorScene(DesignScene):
         elif self.edge_length is not None:
             widths["filter_radius"] = radius = self.finest_level.regularisation.filter_radius
             yield Group("filter", "filter_radius", radius / self.edge_length)
-        yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
+        yield from (skin.width(name, width) for name, width in widths.items() if width is not None)
 
     def run_simulation(
         self,

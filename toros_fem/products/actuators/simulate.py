@@ -36,6 +36,7 @@ from toros_fem.products.actuators.estimates import (
     Printed,
     SimulatedPrint,
     metric_errors,
+    values_of,
 )
 from toros_fem.results.reporter import print_step, with_progress
 from toros_fem.results.result import write_summary
@@ -155,8 +156,8 @@ def simulate_actuator(
             simulated = SimulatedPrint(
                 (made.pattern, points[-1].positions), regions, last.pressures
             )
-            job = Job(comm, scene)
-            errors = metric_errors(job, level, measures, simulated, made.whole.pattern)
+            job, told = Job(comm, scene), values_of(*simulated.near, measures)
+            errors = metric_errors(job, level, told, simulated, made.whole.pattern)
         found = replace(found, errors=errors, intervals=errors.intervals, told=errors.told)
     write_summary(comm, output, found)
     draw_pictures(comm, output)

@@ -8,14 +8,19 @@ counts as much as all the rest. The target is symmetric about y = 0, so half the
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from dataclasses import replace
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import Place, Table, key
+from toros_fem.base.array_types import Floats
+from toros_fem.base.keys import In, Place, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
+from toros_fem.mechanics.terms.loads import GRAVITY
+from toros_fem.meshes.makers.sheets import TIP
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import bend
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated, bend_strain
@@ -40,10 +45,28 @@ class BendTarget(Table):
         yield from skin.bend("angle", self.angle, length, skin.radius + self.neutral)
 
 
+class HungLoad(Table):
+    """What hangs from the tip. The tube lies and x points up, so that a bend lifts it."""
+
+    hung_mass: Annotated[float, In("kg", above=0)] | None = key(
+        None, "mass that hangs from the tip; none for none"
+    )
+
+    def force(self, pattern: Pattern, parts: int) -> Floats | None:
+        """Return dead forces in N on the vertices of one of some equal parts, (n, 3)."""
+        if self.hung_mass is None:
+            return None
+        tip, force = pattern.vertices_of(TIP), np.zeros_like(pattern.points)
+        areas = pattern.vertex_areas[tip]
+        force[tip, 0] = -self.hung_mass * GRAVITY / parts * areas / areas.sum()
+        return force
+
+
 class BendScene(TubeScene):
     """The bending tube."""
 
     target: BendTarget = BendTarget()
+    load: HungLoad = HungLoad()
     skin: SymmetricTube = SymmetricTube()
     # With a perimeter: fewer islands, a shorter border, and nearer to the target
     # (docs/optimisation.md).
@@ -70,4 +93,6 @@ class BendScene(TubeScene):
         """Return half the tube, or the whole, and its target."""
         asked = self.target
         deform = bend(np.radians(asked.angle), self.skin.length, neutral=asked.neutral)
-        return self.tube_case(comm, level, deform, [bend_metric(asked.angle)], self.skin.planes)
+        metrics = [bend_metric(asked.angle)]
+        case = self.tube_case(comm, level, deform, metrics, self.skin.planes)
+        return replace(case, force=self.load.force(case.pattern, case.whole.parts))

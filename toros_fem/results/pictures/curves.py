@@ -125,6 +125,17 @@ def _marks(
             lines.append(np.array([(x, y - half), (x, y + half)]))
         axes.plot(x, y, "o", color=colour, ms=6, zorder=5)
         words.append(Word(told.shown, (x, y), colour))
+    for _, pressure, figure in (one for one in curve.poses if one.key == told.key):
+        x = 1e-3 * pressure
+        if figure.target is not None:
+            target, said = factor * figure.target, formatted(figure.target, told.unit)
+            axes.plot(x, target, "_", color=style.ACCENT, ms=16, mew=1.6, zorder=3)
+            words.append(Word(f"target {said}", (x, target), style.ACCENT, 8.0))
+        if figure.value is not None:
+            y, half = factor * figure.value, factor * (figure.interval or 0.0)
+            axes.errorbar(x, y, half, fmt="o", color=colour, capsize=4, lw=1.2, ms=6, zorder=5)
+            lines.append(np.array([(x, y - half), (x, y + half)]))
+            words.append(Word(figure.shown, (x, y), colour))
     for one in (one for one in curve.measured if one.key == told.key):
         x, y = 1e-3 * one.pressure, factor * one.value
         axes.plot(x, y, "D", color=style.INK, mfc="none", ms=7, zorder=5)

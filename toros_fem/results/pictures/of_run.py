@@ -113,6 +113,28 @@ def draw_inflation(
     draw(figure, box, drawn, view, list(zip(names, scenes, strict=True)), target)
 
 
+def draw_poses(figure: MplFigure, poses: Sequence[tuple[str, DrawnSkin, Floats]]) -> None:
+    """Draw poses of a skin beside each other, with the outlines of their targets.
+
+    Each has its name, its skin with the target, and positions of all vertices, (n, 3), in m.
+    """
+    placed = [drawn.skin.placed(positions) for _, drawn, positions in poses]
+    targets = [drawn.skin.wanted(x) for (_, drawn, _), x in zip(poses, placed, strict=True)]
+    scenes = [drawn.surfaces(x) for (_, drawn, _), x in zip(poses, placed, strict=True)]
+    # All have one scale, and their bases are at one height.
+    framed = [one.points for surfaces in scenes for one in surfaces]
+    framed += [target for target in targets if target is not None]
+    view, width = inflation_view(poses[0][1], placed[0]), 0.98 / len(poses)
+    for k, (name, drawn, _) in enumerate(poses):
+        box = 0.01 + k * width, 0.02, 0.96 * width, 0.80
+        stage = Axonometry(figure, box, view, np.concatenate(framed))
+        stage.draw(scenes[k])
+        if (target := targets[k]) is not None:
+            stage.outline(drawn, target)
+        stage.bar()
+        figure.text(box[0] + box[2] / 2, 0.85, name, ha="center", color=SOFT)
+
+
 def _draw_over(
     figure: MplFigure, box: Box, drawn: DrawnSkin, view: View, scenes: Scenes, target: Floats | None
 ) -> None:
@@ -250,8 +272,8 @@ def _in_columns(extents: Floats, columns: int, space: Floats) -> Arrangement:
 def draw_run(folder: str | Path) -> list[Path]:
     """Draw the pictures of a run into its folder, and return their paths (one rank).
 
-    They are, as far as the run has what they show: shape.png, miss.png, inflation.png, pattern.png,
-    curve.png, design.png and hero.png. Errors are those of `read_run` and `page`.
+    They are, as far as the run has what they show: shape.png, miss.png, poses.png, inflation.png,
+    pattern.png, curve.png, design.png and hero.png. Errors are those of `read_run` and `page`.
     """
     return _Pictures(read_run(folder)).draw()
 
@@ -272,6 +294,7 @@ class _Pictures:
         if self.state is not None:
             self._shape(self.state)
             self._inflation(self.state)
+        self._poses()
         self._pattern()
         self._curve()
         self._design()
@@ -316,6 +339,21 @@ class _Pictures:
             dashed = " (dashed: target, dotted: lines along it)" if aim else ""
             with self._page("hero.png", size=STRIP) as figure:
                 draw_hero(figure, self.drawn, states, f"inflate it to {states[-1][0]}{dashed}")
+
+    def _poses(self) -> None:
+        frames = self.run.series.get("pose", ())
+        if not frames:
+            return
+        poses = [
+            (
+                f"pose {frame.number} at {_kilopascal(frame.values['pressure_pa'])}",
+                DrawnSkin(self.run.skins[frame.skin]),
+                frame.positions,
+            )
+            for frame in frames
+        ]
+        with self._page("poses.png", self.title) as figure:
+            draw_poses(figure, poses)
 
     def _pattern(self) -> None:
         folder = self.run.folder

@@ -381,6 +381,7 @@ def _entries(run: Run, series: str, frames: Sequence[Frame]) -> list[dict[str, A
             "iteration": f"{number} of {max(last, number):.0f}",
             "gait": f"position {k + 1} of {len(frames)}",
             "load": "closed on the object",
+            "pose": f"pose {number} at {pressure:.4g} kPa",
         }[series]
         shown = [as_shown(key, value) for key, value in values.items()]
         x = pressure if series == "pressure" else number

@@ -38,7 +38,7 @@ class Frame:
     """One shape of a skin.
 
     Attributes:
-        series: What the frames follow: "iteration", "pressure", "gait" or "load".
+        series: What the frames follow: "iteration", "pressure", "pose", "gait" or "load".
         number: Place in the series; of a design its iteration.
         skin: Name of the file of its skin.
         positions: Positions of all vertices, (n, 3), in m.

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from toros_fem.mechanics.contact.contact import Contact
 
 # Series that a finished design is followed by.
-FOLLOWING = ("print", "pressure", "gait", "load")
+FOLLOWING = ("print", "pose", "pressure", "gait", "load")
 
 
 def whole_cells(problem: ShapeProblem, owned: Floats) -> Floats:

@@ -50,7 +50,7 @@ MOST_NAMED = 6
 # Part of the tested strain by which a skin may stretch further without a warning.
 BEYOND = 0.02
 # Series in the order of the page's sliders.
-SERIES = ("pressure", "iteration", "gait", "load")
+SERIES = ("pressure", "pose", "iteration", "gait", "load")
 # Columns of tables that hold no numbers: a sheet of tiles is pulled along x and y.
 WORDS = {"direction"}
 # Columns of a history that are drawn.
@@ -266,6 +266,14 @@ class Measured(NamedTuple):
     source: str
 
 
+class PoseFigure(NamedTuple):
+    """The figure of a further pose on a curve: the curve's key, pressure in Pa, and the figure."""
+
+    key: str
+    pressure: float
+    figure: Figure
+
+
 @dataclass(frozen=True, eq=False)
 class StoredCurve:
     """Figures over the pressure.
@@ -276,6 +284,7 @@ class StoredCurve:
         broken: Whether it ends for want of an equilibrium, at its lower and upper end.
         finer: Whether figures at the pressure of the design come from a finer mesh.
         tested: Part of the stretch bounds up to which the fabric was tested; None if unknown.
+        poses: Figures of further poses that differ in pressure alone.
     """
 
     rows: Sequence[Mapping[str, float]]
@@ -284,6 +293,7 @@ class StoredCurve:
     broken: tuple[bool, bool] = (False, False)
     finer: bool = False
     tested: float | None = None
+    poses: Sequence[PoseFigure] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +336,13 @@ class Run:
         broken = bool(told.get("failure_below")), bool(told.get("failure_above"))
         rows = [row for row in self.curve if math.isfinite(row.get("pressure_pa", math.nan))]
         tested = known_use(self.summary.entries)
-        return StoredCurve(rows, pressure, measured, broken, self.finer, tested)
+        poses = [
+            PoseFigure(key, of["pressures_pa"][0], self.summary.figures[f"{name}_{key}"])
+            for name, of in (self.summary.entries.get("poses") or {}).items()
+            for key in (rows[0] if rows and of["on_the_curve"] else ())
+            if key != "pressure_pa" and f"{name}_{key}" in self.summary.figures
+        ]
+        return StoredCurve(rows, pressure, measured, broken, self.finer, tested, poses)
 
 
 def read_run(folder: str | Path) -> Run:

@@ -11,7 +11,7 @@
   // Width of the target's outline in pixels, and height of the picture over that of what it shows.
   const OUTLINE = 2, MARGIN = 1.16;
   const WORDS = { pressure: "pressure", iteration: "design iteration", gait: "gait",
-    load: "on the object" };
+    pose: "pose", load: "on the object" };
   const at = (id) => document.getElementById(id);
   const scene = JSON.parse(at("scene").textContent);
 
