@@ -24,7 +24,7 @@ from mpi4py import MPI
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files import read_scene
-from toros_fem.making.print.printability import read_print_polygons
+from toros_fem.making.printability import read_print_polygons
 from toros_fem.measures.figures import NONE, Figure, State, formatted, overall, split_key
 from toros_fem.products.actuators.estimates import Job, SimulatedPrint, simulated_on
 from toros_fem.results.reporter import duration

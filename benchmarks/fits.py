@@ -23,10 +23,10 @@ from shapely.geometry import LineString
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
 from benchmarks.intervals import held_between
 from toros_fem.base.scene import Scene
-from toros_fem.making.panels.drawing import write_template
+from toros_fem.making.drawing import write_template
 from toros_fem.products.fitting.inflation import CONSTANTS, InflatedSkin, Readings, fit_inflation
-from toros_fem.products.tubes.inflate import InflateScene
-from toros_fem.products.tubes.twist import TwistScene
+from toros_fem.products.inflate import InflateScene
+from toros_fem.products.tubes import TwistScene
 
 TRIALS, BLOCK, NOISE, SCATTER, QUICK_TRIALS = 100, 10, 0.01, 0.1, 2
 ERROR, WIDTH = "error over half-width", "half-width"

@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
 from toros_fem.design.loop.miss import shape_of
-from toros_fem.making.print.printability import read_print_polygons
+from toros_fem.making.printability import read_print_polygons
 from toros_fem.measures.figures import formatted, split_key
 from toros_fem.products.actuators.estimates import Job, SimulatedPrint, simulated_on
 from toros_fem.products.kinds import KINDS

@@ -25,14 +25,14 @@ from benchmarks.bench import Case, Command, Row, Rows, Table, markdown, timed, v
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.steps import Variables
 from toros_fem.design.mma.optimizer import MMA, Functions
-from toros_fem.making.panels.panel_drawing import write_svg
-from toros_fem.making.print.as_printed import contour_values
-from toros_fem.making.print.cleaning import Panels, clean
-from toros_fem.making.print.contours import printed_regions
-from toros_fem.making.print.printability import printability, printed_cells
+from toros_fem.making.as_printed import contour_values
+from toros_fem.making.cleaning import Panels, clean
+from toros_fem.making.contours import printed_regions
+from toros_fem.making.panel_drawing import write_svg
+from toros_fem.making.printability import printability, printed_cells
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import bend
-from toros_fem.products.tubes.tube import Tube, TubeScene, bend_metric
+from toros_fem.products.tubes import Tube, TubeScene, bend_metric
 from toros_fem.results.pictures.flat import draw_pattern
 from toros_fem.results.pictures.shapes import draw_shape
 from toros_fem.results.pictures.shown import DrawnSkin

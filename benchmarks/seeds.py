@@ -28,8 +28,8 @@ from mpi4py import MPI
 
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from benchmarks.figures import figure_of, figure_rows, state_in
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.validation import Floats
 from toros_fem.cli.scene_files import read_scene
 from toros_fem.design.loop.case import Case as ShapeCase
 from toros_fem.measures.cross_sections import Rod
@@ -37,10 +37,7 @@ from toros_fem.measures.figures import NONE, Figure, State, formatted, largest_p
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.bend_twist import BendTwistScene
-from toros_fem.products.tubes.contract import ContractScene
-from toros_fem.products.tubes.twist import TwistScene
+from toros_fem.products.tubes import BendScene, BendTwistScene, ContractScene, TwistScene
 
 # Places along a rod at which its frame is known.
 PLACES = 1000

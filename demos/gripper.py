@@ -24,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.measures.gap import Body, GapObjective, mean_gap
+from toros_fem.measures.regions import Body, GapObjective, mean_gap
 from toros_fem.measures.shape import Nodes
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.paths.pull_out import largest_force, pull_out

@@ -29,10 +29,9 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.meshes import bend, mirrored, read_surface, unwrap
-from toros_fem.meshes.surfaces.planes import cut_at_planes, straightened
-from toros_fem.meshes.surfaces.surface import volume
+from toros_fem.meshes.surface import cut_at_planes, straightened, volume
 from toros_fem.meshes.transfer import refine
-from toros_fem.products.tables.loads import TipWeights
+from toros_fem.products.common.tables import TipWeights
 
 FILE = Path(__file__).parent / "surfaces" / "finger.stl"
 

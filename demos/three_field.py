@@ -26,16 +26,14 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, if_plotting, write_json
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import Pattern, bend
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.tables.loads import ResultTable
-from toros_fem.products.tables.steps import DesignTable
-from toros_fem.products.tubes.bend import BendTarget
-from toros_fem.products.tubes.tube import TubeScene, bend_metric
+from toros_fem.products.common.tables import DesignTable, ResultTable
+from toros_fem.products.tubes import BendTarget, TubeScene, bend_metric
 from toros_fem.results.result import PrintedResult
 from toros_fem.results.runs.open_run import open_run
 

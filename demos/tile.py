@@ -30,11 +30,10 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.mechanics.terms.periodic import Periodic
-from toros_fem.products.tiles import search
 from toros_fem.products.tiles.problem import TileCase, TileDesignScene, measure_print
 from toros_fem.products.tiles.report import TileRun, write_tile_results
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver, ProfileTarget, tile_solver
-from toros_fem.products.tiles.tile import linear_profile
+from toros_fem.products.tiles.tile import design_tile, linear_profile
 
 parser = argparse.ArgumentParser(description="Design a tile of fabric with a target stiffness.")
 parser.add_argument("--coarse", action="store_true", help="coarse meshes")
@@ -88,7 +87,7 @@ settings = TileDesignScene.of(
     island_area=0.1e-6,
 )
 reporter = tf.DesignReporter(comm, given.output, overwrite=given.overwrite)
-result = search.design_tile(case, settings, reporter)
+result = design_tile(case, settings, reporter)
 measured = measure_print(result)  # in all directions, and over the strain
 
 # %% [markdown]

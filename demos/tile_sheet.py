@@ -25,8 +25,8 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base.files import guarded, if_possible, write_table
-from toros_fem.making.panels.panel_drawing import write_svg
-from toros_fem.making.sheets.write import write_manufacture
+from toros_fem.making.machine_files import write_manufacture
+from toros_fem.making.panel_drawing import write_svg
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.products.tiles.plots import plot_sheet

@@ -27,8 +27,8 @@ import toros_fem as tf
 from toros_fem.mechanics.contact.sliding import Pads
 from toros_fem.meshes import Star, mirrored, plane_centroids, stand, walker
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
-from toros_fem.products.walker.gait import Gait, flat_on_ground, walk_of, write_gait
-from toros_fem.products.walker.walker import chambers
+from toros_fem.products.gait import Gait, flat_on_ground, walk_of, write_gait
+from toros_fem.products.walker import chambers
 
 parser = argparse.ArgumentParser(description="Design a walker that stands up, and let it walk.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and printed feet")

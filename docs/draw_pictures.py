@@ -34,8 +34,8 @@ from benchmarks.figures import DEMOS, folder_of
 from benchmarks.measured.command import COMPARED
 from benchmarks.measured.compared import Compared, by_curve, place
 from benchmarks.scale import STEP, growth
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError
+from toros_fem.base.validation import Floats
 from toros_fem.cli.commands.main import run
 from toros_fem.forms.lines import fabric_factor
 from toros_fem.materials.sheet import Bending, Composite
@@ -43,7 +43,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import sew
-from toros_fem.products.tubes.tube import bend_metric
+from toros_fem.products.tubes import bend_metric
 from toros_fem.results.pictures.of_run import facts_of
 from toros_fem.results.pictures.raster import View
 from toros_fem.results.pictures.shapes import plot_states

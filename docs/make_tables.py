@@ -18,8 +18,8 @@ from toros_fem.cli.commands.materials import HEADER, row, sentence
 from toros_fem.cli.scene_files import FILES, POSE, keys_of
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import LibraryMaterial
+from toros_fem.products.common.plausibility import RANGES
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.plausibility import RANGES
 
 DOCS = Path(__file__).resolve().parent
 Rows = Iterable[Sequence[str]]

@@ -27,7 +27,7 @@ class EnergyTerm:
     Attributes:
         edges: Constants of the triangles' edges, of the term by which the sheet bends.
         bubbles: Unknowns of edges by which strains are linear in a triangle; None for none.
-        symbols: All else that its laws read, as of `base.compiled_forms.SharedForms`: terms of one
+        symbols: All else that its laws read, as of `base.fenicsx.SharedForms`: terms of one
             class differ in nothing but these. NotImplemented: not known, no forms are shared.
     """
 

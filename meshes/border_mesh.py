@@ -12,13 +12,17 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_root
-from toros_fem.base.validation import require_positive
-from toros_fem.meshes.gmsh_model import faces_mesh
-from toros_fem.meshes.moving import located, places_on, straight_on
-from toros_fem.meshes.panels import polygons_of, runs_of_ring
+from toros_fem.base.validation import Bools, Floats, Ints, require_positive
+from toros_fem.meshes.panels import (
+    faces_mesh,
+    located,
+    places_on,
+    polygons_of,
+    runs_of_ring,
+    straight_on,
+)
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import OtherMesh
 from toros_fem.meshes.triangles import edge_keys, edges_of, equilateral_edge, require_affordable

@@ -13,11 +13,10 @@ import ufl
 from dolfinx import cpp, fem, mesh
 from mpi4py import MPI
 
-from toros_fem.base import compat
-from toros_fem.base.array_types import Floats, Ints, LocalInts
+from toros_fem.base import fenicsx
 from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import gather_by_index, require_comm
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Floats, Ints, LocalInts, require_kind
 from toros_fem.meshes.pattern import Pattern
 
 # Sizes in m, of the bounding box's diagonal, beyond which a unit is wrong.
@@ -120,7 +119,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     )
     topology = embedded.topology
     original = np.asarray(topology.original_cell_index, dtype=np.int64)
-    nodes = compat.geometry_dofmap(embedded.geometry)
+    nodes = fenicsx.geometry_dofmap(embedded.geometry)
     corner = np.asarray(embedded.geometry.input_global_indices, dtype=np.int64)[nodes]
     # A second geometry on it puts each corner at its place on the flat panel.
     place = np.argmax(triangles[original][:, None, :] == corner[:, :, None], axis=2)
@@ -130,7 +129,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     geometry = cpp.mesh.Geometry_float64(
         concatenated_index_map(comm, [(cells, 3)])[0],
         np.arange(3 * count, dtype=np.int32).reshape(count, 3),
-        compat.coordinate_map(embedded.geometry),
+        fenicsx.coordinate_map(embedded.geometry),
         np.ascontiguousarray(flat.reshape(-1, 2)),
         (3 * original[:, None] + np.arange(3)).ravel(),
     )
@@ -170,7 +169,7 @@ def concatenated_index_map(
         there = count + np.arange(entry.size)
         numbers.append(np.concatenate([here, there]).astype(np.int32))
         before, count = before + int(owned[p]), count + entry.size
-    concatenated = compat.index_map(
+    concatenated = fenicsx.index_map(
         comm,
         int(owned.sum()),
         np.concatenate(ghosts).astype(np.int64),
@@ -221,7 +220,7 @@ def _partitioner(pattern: Pattern) -> Any:
 
     def destinations(_comm: Any, ranks: int, _types: Any, cells: Any) -> Any:
         if len(cells[0]) == 0:
-            return compat.adjacency(np.zeros(0, np.int32), np.zeros(1, np.int32))
+            return fenicsx.adjacency(np.zeros(0, np.int32), np.zeros(1, np.int32))
         part = parts_of(pattern, ranks)
         sides = pattern.edges.sides[pattern.edges.inner]
         both = np.concatenate([sides, sides[:, ::-1]])
@@ -231,6 +230,6 @@ def _partitioner(pattern: Pattern) -> Any:
         rows = np.concatenate([own, seen])
         rows = rows[np.argsort(rows[:, 0], kind="stable")]  # the owner comes first
         offsets = np.concatenate([[0], np.cumsum(np.bincount(rows[:, 0]))])
-        return compat.adjacency(rows[:, 1].astype(np.int32), offsets.astype(np.int32))
+        return fenicsx.adjacency(rows[:, 1].astype(np.int32), offsets.astype(np.int32))
 
     return destinations

@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from scipy.sparse import csr_array
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import PanelError
+from toros_fem.base.validation import Floats, Ints
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import (
     barycentric,

@@ -14,9 +14,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import MeshSizeError, PatternError
-from toros_fem.base.validation import require_count
+from toros_fem.base.validation import Bools, Floats, Ints, require_count
 
 # Such a skin needs about 50 GB: docs/command_line.md.
 MOST_TRIANGLES = 2_000_000

@@ -1,7 +1,7 @@
 """Design of robotic skins: printed patterns that make an inflated fabric bend, twist or grip.
 
 The public names are those of `toros_fem.public`. Other names are imported from the module that
-defines them, such as `toros_fem.measures.gap`. All quantities are in SI units.
+defines them, such as `toros_fem.measures.regions`. All quantities are in SI units.
 
 The first public name loads them all, with dolfinx and PETSc. Under MPI all ranks take it together,
 since PETSc starts on all of them.
@@ -13,8 +13,8 @@ import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from toros_fem.base.packages import __version__ as __version__
 from toros_fem.base.packages import late_names
-from toros_fem.base.versions import __version__ as __version__
 
 # FEniCSx from wheels finds its MPI only if this comes before dolfinx and petsc4py.
 with contextlib.suppress(ImportError, RuntimeError):  # dolfinx then tells it too

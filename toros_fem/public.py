@@ -12,16 +12,12 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.find import RelaxedOptions, find_lines
-from toros_fem.making.print.as_printed import as_printed, printed_lines
-from toros_fem.making.print.printability import PrintLimits
+from toros_fem.making.as_printed import as_printed, printed_lines
+from toros_fem.making.printability import PrintLimits
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
-from toros_fem.measures.between_regions import (
-    bend_between,
-    length_between,
-    twist_between,
-)
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric, bend_angle, length_ratio, swelling, twist_angle
+from toros_fem.measures.regions import bend_between, length_between, twist_between
 from toros_fem.measures.shape import ShapePart
 from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.contact import Contact
@@ -40,7 +36,7 @@ from toros_fem.products.actuators.estimates import print_intervals
 from toros_fem.products.actuators.pressure import trimmed
 from toros_fem.products.fitting.fit import fit_material
 from toros_fem.products.fitting.reading import read_tensile_tests
-from toros_fem.products.tolerance.simulated import tolerances
+from toros_fem.products.tolerance import tolerances
 from toros_fem.results.report.page_file import read_summary
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.open_run import open_run

@@ -9,20 +9,13 @@ import numpy.typing as npt
 
 from benchmarks.accuracy.known import Known, Measured, timed
 from benchmarks.accuracy.scenes import COMM, entry
-from benchmarks.accuracy.sheets import (
-    Sheet,
-    elastic,
-    jittered,
-    line_force,
-    value_at,
-    warped,
-)
+from benchmarks.accuracy.sheets import Sheet, elastic, jittered, line_force, value_at, warped
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite
 from toros_fem.measures.metrics import bend_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, rectangle, sew
-from toros_fem.meshes.makers.sheets import one_panel
+from toros_fem.meshes.sheets import one_panel
 from toros_fem.meshes.transfer import refine
 
 Floats = npt.NDArray[np.float64]

@@ -40,7 +40,7 @@ from toros_fem.materials.sheet import Membrane
 from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern
-from toros_fem.meshes.makers.sheets import disc, rectangle
+from toros_fem.meshes.sheets import disc, rectangle
 
 LENGTH, WIDTH, THICKNESS = 0.03, 0.02, 0.3e-3  # m, of sheets and of material A
 DISC = 0.02  # m, radius of the tables' disc

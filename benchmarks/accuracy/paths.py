@@ -25,7 +25,7 @@ from benchmarks.accuracy.snapping import (
 )
 from benchmarks.accuracy.tubes import RADIUS
 from benchmarks.bench import Case, Row, Rows, markdown, timed, values_of
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint, limit_points

@@ -31,9 +31,8 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern
-from toros_fem.meshes.makers.flat import circle, ringed_disc
-from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.pattern import Panel
+from toros_fem.meshes.sheets import circle, rectangle, ringed_disc
 
 # What turns and folds a lot without stretching takes Newton's method many steps. Where the sheet is
 # so much stiffer than its load, rounding leaves the residual no more digits.

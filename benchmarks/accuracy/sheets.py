@@ -15,7 +15,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern, Skin, rectangle, sew
-from toros_fem.meshes.makers.sheets import one_panel
+from toros_fem.meshes.sheets import one_panel
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

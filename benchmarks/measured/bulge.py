@@ -15,7 +15,7 @@ from benchmarks.measured.skins import Held, border
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.meshes.makers.sheets import disc
+from toros_fem.meshes.sheets import disc
 
 NAME = "bulge"
 RADIUS, THICKNESS, POISSON = 0.1, 0.81e-3, 0.24  # m

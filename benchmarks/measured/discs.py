@@ -14,7 +14,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern
-from toros_fem.meshes.makers.sheets import one_panel
+from toros_fem.meshes.sheets import one_panel
 
 # Part of the weight by which the force may differ.
 CLOSE = 2e-4

@@ -9,9 +9,9 @@ import numpy as np
 from benchmarks.bench import Row
 from benchmarks.measured.compared import FITTED, Compared, rows_of, table
 from toros_fem.base.errors import FileError
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.fit import fit_material
 from toros_fem.products.fitting.samples import FEWEST, TensileTest
-from toros_fem.products.options import FitOptions
 
 NAME = "knits"
 ALONE, BOTH = "one direction", "both directions"

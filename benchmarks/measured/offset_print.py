@@ -14,7 +14,7 @@ from benchmarks.measured.skins import Held
 from toros_fem.materials.sheet import Bending, Composite, Material, print_offset, reinforced
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 NAME = "offset_print"
 AXES = ("angle of the ribs (°)", "curvature × thickness (%)")

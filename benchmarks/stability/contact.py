@@ -32,8 +32,8 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp, pin, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, finger, sew
-from toros_fem.meshes.makers.sheets import one_panel
-from toros_fem.meshes.makers.two_panels import two_panels
+from toros_fem.meshes.outlines import two_panels
+from toros_fem.meshes.sheets import one_panel
 from toros_fem.products.gripper import gripper
 from toros_fem.products.walker import walker
 

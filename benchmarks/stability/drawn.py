@@ -30,9 +30,8 @@ from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, pin
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
-from toros_fem.meshes.makers.planar import region_mesh
-from toros_fem.meshes.makers.sheets import one_panel
-from toros_fem.meshes.makers.two_panels import two_panels
+from toros_fem.meshes.outlines import region_mesh, two_panels
+from toros_fem.meshes.sheets import one_panel
 
 # Wall time in s after which a scene counts as hanging.
 LONGEST = 300.0

@@ -18,9 +18,8 @@ from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin import supports
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
-from toros_fem.meshes.makers.flat import polygon_mesh
-from toros_fem.meshes.makers.sheets import one_panel
 from toros_fem.meshes.pattern import Panel
+from toros_fem.meshes.sheets import one_panel, polygon_mesh
 
 Floats = npt.NDArray[np.float64]
 Spacing = npt.NDArray[np.floating]

@@ -1,11 +1,24 @@
-"""Configurations: types, bounds, None, unknown names, derived classes."""
+"""Keys of settings, and values with units."""
+
+from __future__ import annotations
 
 from typing import Annotated
 
+import numpy as np
 import pytest
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import Count, Flag, In, OneOf, Table, Text, key
+from toros_fem.base.keys import (
+    Count,
+    Flag,
+    In,
+    OneOf,
+    Table,
+    Text,
+    key,
+    read_quantity,
+    write_quantity,
+)
 
 
 class Sample(Table):
@@ -84,3 +97,42 @@ def test_a_class_with_another_type_is_refused() -> None:
     for kind in (Wrong, Bare):
         with pytest.raises(TypeError, match=r"size.* must be a number, Flag, str or Path"):
             kind.described()
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("5 kPa", "Pa", 5e3),
+        ("0.6 mm", "m", 0.6e-3),
+        ("2.15mm", "m", 2.15e-3),
+        ("1.4e0 mm", "m", 1.4e-3),
+        ("1 in", "m", 0.0254),
+        ("5 \N{MICRO SIGN}m", "m", 5e-6),
+        ("5 \N{GREEK SMALL LETTER MU}m", "m", 5e-6),
+        ("20 mm²", "m²", 20e-6),
+        ("20 mm2", "m²", 20e-6),
+        ("180 deg", "deg", 180.0),
+        ("-90°", "deg", -90.0),
+        ("8 %", "%", 8.0),
+        ("8 %", None, 0.08),
+        ("30 g", "kg", 0.03),
+        ("0.1 MPa", "Pa", 1e5),
+        ("200 mbar", "Pa", 2e4),
+        ("2 N/mm", "N/m", 2e3),
+        ("3 cN", "N", 0.03),
+    ],
+)
+def test_quantities_are_the_same_numbers_as_in_python(
+    text: str, unit: str | None, value: float
+) -> None:
+    assert read_quantity(text, unit) == value  # not approximately: runs are repeated bit for bit
+
+
+def test_radians() -> None:
+    assert read_quantity(f"{np.pi!r} rad", "deg") == pytest.approx(180, rel=1e-15)
+
+
+def test_quantities_are_written_as_people_say_them() -> None:
+    assert write_quantity(5e3, "Pa") == "5 kPa"
+    assert write_quantity(26e6, "Pa") == "26 MPa"
+    assert write_quantity(0.15, "m") == "150 mm"

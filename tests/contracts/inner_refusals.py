@@ -47,19 +47,17 @@ from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, LineChange
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.mma.optimizer import MMA, Functions
-from toros_fem.making.panels.marks import sewn_seams
-from toros_fem.making.panels.panel_drawing import panel_drawings
-from toros_fem.making.print.printability import PrintLimits
-from toros_fem.making.print.regions import regions_on
-from toros_fem.making.sheets.layout import nest
-from toros_fem.measures.alignment import AlignedObjective
-from toros_fem.measures.body_axis import body_axis
+from toros_fem.making.layout import nest
+from toros_fem.making.marks import sewn_seams
+from toros_fem.making.panel_drawing import panel_drawings
+from toros_fem.making.printability import PrintLimits, regions_on
 from toros_fem.measures.cross_sections import (
     CrossSectionObjective,
     CrossSections,
     label_cross_sections,
 )
-from toros_fem.measures.gap import Body
+from toros_fem.measures.miss import AlignedObjective
+from toros_fem.measures.regions import Body, body_axis
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.contact.bodies import Ground, RigidBody
 from toros_fem.mechanics.contact.contact import Contact

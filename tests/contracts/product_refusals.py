@@ -20,32 +20,20 @@ from mpi4py import MPI
 import toros_fem as tf
 from contracts.refusals import INF, NAN, Scene, Table, each
 from toros_fem import meshes as m
-from toros_fem.base.units import read_quantity
+from toros_fem.base.keys import read_quantity
 from toros_fem.base.validation import require_between, require_count, require_positive
-from toros_fem.measures.between_regions import bend_between, length_between, twist_between
-from toros_fem.meshes.conditions import Expression
-from toros_fem.meshes.pattern_file import NAME
-from toros_fem.meshes.surfaces.remeshed import remeshed
-from toros_fem.meshes.surfaces.surface import oriented
+from toros_fem.measures.regions import bend_between, length_between, twist_between
+from toros_fem.meshes.files import PATTERN_FILE
+from toros_fem.meshes.seams import remeshed
+from toros_fem.meshes.surface import oriented
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.samples import TensileTest
-from toros_fem.products.gripper.gripper import GripperScene
-from toros_fem.products.options import FitOptions
-from toros_fem.products.own_mesh.metrics import MetricTable, Region
-from toros_fem.products.own_mesh.own_mesh import (
-    Held,
-    OwnSkin,
-    Plain,
-    Printed,
-    read_skin,
-)
-from toros_fem.products.tiles.stiffness_profile import (
-    ALONG,
-    Profile,
-    ProfileSolver,
-)
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.tube import SectionTubeScene
+from toros_fem.products.gripper import GripperScene
+from toros_fem.products.own_mesh import Held, OwnSkin, Plain, Printed, read_skin
+from toros_fem.products.own_metrics import Expression, MetricTable, Region
+from toros_fem.products.tiles.stiffness_profile import ALONG, Profile, ProfileSolver
+from toros_fem.products.tubes import BendScene, SectionTubeScene
 
 ALONE = MPI.COMM_SELF
 
@@ -118,7 +106,7 @@ def _own(**changes: Any) -> object:
 def _flat_panels(s: Scene) -> Path:
     folder = s.folder / "flat"
     folder.mkdir(exist_ok=True)
-    m.write_pattern(folder / NAME, _finger().pattern)
+    m.write_pattern(folder / PATTERN_FILE, _finger().pattern)
     return folder
 
 

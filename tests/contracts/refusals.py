@@ -27,12 +27,11 @@ from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.mma.optimizer import MMA, Functions
-from toros_fem.making.print.as_printed import polished
-from toros_fem.making.print.cleaning import require_island_area
+from toros_fem.making.as_printed import polished
+from toros_fem.making.cleaning import require_island_area
 from toros_fem.materials.library.files import named, read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
-from toros_fem.measures.between_regions import tip_frame
-from toros_fem.measures.gap import Body
+from toros_fem.measures.regions import Body, tip_frame
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
@@ -42,11 +41,11 @@ from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, build_in, displace
-from toros_fem.products.gripper.gripper import GripperScene
+from toros_fem.products.gripper import GripperScene
+from toros_fem.products.inflate import InflateScene
 from toros_fem.products.tiles.report import PrintedTile, read_tile
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.inflate import InflateScene
-from toros_fem.products.walker.walker import WalkerScene
+from toros_fem.products.tubes import BendScene
+from toros_fem.products.walker import WalkerScene
 from toros_fem.results.writer import write_fields
 
 Table = dict[str, Callable[["Scene"], object]]

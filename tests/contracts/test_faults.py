@@ -15,9 +15,8 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.base import files
-from toros_fem.base.archive import Archive
 from toros_fem.base.errors import CheckpointError, OutputError
-from toros_fem.base.files import UNFINISHED, guarded, write_json, write_table
+from toros_fem.base.files import UNFINISHED, Archive, guarded, write_json, write_table
 from toros_fem.results.runs.open_run import NAME, RunJournal, open_run, read_record
 
 # The child writes files alone, and uses none of the threads that it does not have.
@@ -93,7 +92,7 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[int, dict[
         replace(path, content)
 
     with monkeypatch.context() as patch:
-        for module in ("base.files", "base.archive", "results.runs.open_run"):
+        for module in ("base.files", "results.runs.open_run"):
             patch.setattr(f"toros_fem.{module}.replace_file", noted)
         count = failing_at(patch, 0, lambda: None)
         run(folder)

@@ -24,36 +24,35 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from toros_fem.base import errors
-from toros_fem.base.archive import HEADER, Archive, read_archive, write_archive
 from toros_fem.base.errors import TorosError
-from toros_fem.base.files import reason
+from toros_fem.base.files import HEADER, Archive, read_archive, reason, write_archive
+from toros_fem.base.keys import DIMENSIONS, read_quantity, write_quantity
 from toros_fem.base.scene import Scene
-from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
 from toros_fem.cli.scene_files import read_scene, scene_text
+from toros_fem.making.layout import CutSheet
+from toros_fem.making.machine_files import cut_dxf, cut_svg, stl_of, threemf_of
+from toros_fem.making.marks import Label
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.marks import Label
-from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
-from toros_fem.making.print.printability import (
+from toros_fem.making.panel_drawing import PanelDrawing, panel_drawings
+from toros_fem.making.printability import (
     PrintLimits,
     StoredPrint,
     read_print_polygons,
     write_print_polygons,
 )
-from toros_fem.making.sheets.layout import CutSheet
-from toros_fem.making.sheets.write import cut_dxf, cut_svg, stl_of, threemf_of
 from toros_fem.materials.library.files import read_library, read_materials, write_material
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.materials.sheet import Knit, Membrane
 from toros_fem.meshes import (
     Pattern,
+    files,
     from_mesh,
     moulded,
     read_pattern,
     read_surface,
     write_pattern,
 )
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.surfaces import files
+from toros_fem.meshes.panels import Affine
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tiles.report import PrintedTile, read_tile, write_tile
 from toros_fem.results.runs.frames import (

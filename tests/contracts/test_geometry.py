@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutlineError
-from toros_fem.making.panels.panel_drawing import cut_outline
-from toros_fem.making.print.cleaning import Panels, clean
-from toros_fem.making.print.printability import DEFAULT_LIMITS, printability
-from toros_fem.making.sheets.layout import nest
+from toros_fem.making.cleaning import Panels, clean
+from toros_fem.making.layout import nest
+from toros_fem.making.panel_drawing import cut_outline
+from toros_fem.making.printability import DEFAULT_LIMITS, printability
 from toros_fem.meshes import (
     Pattern,
     cylinder,
@@ -33,7 +33,7 @@ from toros_fem.meshes import (
     two_panels,
     walker,
 )
-from toros_fem.meshes.makers.sheets import KINDS
+from toros_fem.meshes.sheets import KINDS
 from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import flat_areas
 

@@ -19,8 +19,8 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError, TorosError
 from toros_fem.cli.scene_files import read_scene
-from toros_fem.making.print.printability import read_print_polygons
-from toros_fem.making.sheets.write import _earlier
+from toros_fem.making.machine_files import _earlier
+from toros_fem.making.printability import read_print_polygons
 from toros_fem.materials.library.files import read_materials
 from toros_fem.meshes import from_mesh, read_pattern, read_surface
 from toros_fem.products.fitting.reading import read_tensile_tests

@@ -20,7 +20,7 @@ from kit.slopes import slope
 from kit.terms import TERMS, Term, design_of, model_of, periodic
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.compiled_forms import _KERNELS, compiled
+from toros_fem.base.fenicsx import _KERNELS, compiled
 from toros_fem.forms.energy import SkinForms
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds

@@ -20,10 +20,10 @@ from toros_fem.design.loop.loop import optimize
 from toros_fem.design.relaxed.find import find_lines
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.products.actuators.design_skin import scene_of
+from toros_fem.products.inflate import METRICS
 from toros_fem.products.tiles.problem import tile_problem
 from toros_fem.products.tiles.tile import tile_case
-from toros_fem.products.tubes.inflate import METRICS
-from toros_fem.products.tubes.tube import plain_planes, plain_tube
+from toros_fem.products.tubes import plain_planes, plain_tube
 
 # Numbers by name, what must be equal, and figures of the first steps.
 Model = tuple[dict[str, Any], Any, list[float]]
@@ -127,7 +127,7 @@ DEMOS: dict[str, tuple[str, Callable[..., Model], Callable[..., Model]]] = {
         ("design_skin", designed, of_scene),
     ),
     "inflate": ("trace", path, scene_path),
-    "tile": ("products.tiles.search.design_tile", tile, scene_tile),
+    "tile": ("products.tiles.tile.design_tile", tile, scene_tile),
 }
 ON_RANKS = ["bend", "contract"]
 

@@ -7,7 +7,7 @@ from helpers.scenes import ROOT
 
 from toros_fem.cli.scene_files import read_scene
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
+from toros_fem.products.own_mesh import OwnMeshScene
 
 FOLDER = ROOT / "demos" / "scenes"
 CONFIGS = {

@@ -21,11 +21,11 @@ from benchmarks.stability.drawn import draw
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import plane_centroids, walker
-from toros_fem.products.gripper import gripper
-from toros_fem.products.gripper.load import grip_of
+from toros_fem.products import gripper
+from toros_fem.products import walker as walking
+from toros_fem.products.gait import Gait
+from toros_fem.products.gripper_load import grip_of
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.walker import walker as walking
-from toros_fem.products.walker.gait import Gait
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes", "without_pictures")]
 

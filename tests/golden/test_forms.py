@@ -13,7 +13,7 @@ import pytest
 from helpers.standing import solver_on_base
 from mpi4py import MPI
 
-from toros_fem.base import compiled_forms
+from toros_fem.base import fenicsx
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
@@ -119,7 +119,7 @@ def test_forms_of_an_equilibrium_and_its_gradient(
     found = {}
     for name, make in SKINS.items():
         compiled.clear()
-        monkeypatch.setattr(compiled_forms, "_KERNELS", {})
+        monkeypatch.setattr(fenicsx, "_KERNELS", {})
         model = make(comm).model
         # The gradient waits for the first design step.
         model.density_sensitivity(model.assembled, np.zeros(model.size_local))

@@ -20,15 +20,15 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, LineChange, changed
 from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.making.cleaning import MirroredPanels, Panels, clean, thickened
+from toros_fem.making.layout import CutSheet, manufacture
+from toros_fem.making.machine_files import cut_dxf, print_bodies
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings, printed_face
-from toros_fem.making.print.cleaning import MirroredPanels, Panels, clean, thickened
-from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
-from toros_fem.making.sheets.layout import CutSheet, manufacture
-from toros_fem.making.sheets.write import cut_dxf, print_bodies
+from toros_fem.making.panel_drawing import PanelDrawing, panel_drawings, printed_face
+from toros_fem.making.printability import PrintLimits, printability, printed_cells
 from toros_fem.meshes import cylinder, mirrored
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.makers.sheets import disc, rectangle
+from toros_fem.meshes.panels import Affine
+from toros_fem.meshes.sheets import disc, rectangle
 
 pytestmark = [pytest.mark.usefixtures("kept_meshes")]
 ALONE = MPI.COMM_SELF

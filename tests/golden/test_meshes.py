@@ -15,8 +15,8 @@ from toros_fem import meshes as m
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.loop.fields import random_density
-from toros_fem.meshes.makers.sheets import disc, rectangle
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.sheets import disc, rectangle
 from toros_fem.meshes.transfer import make_transfer, refine
 
 pytestmark = pytest.mark.usefixtures("kept_meshes")

@@ -25,14 +25,12 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.meshes import sew
 from toros_fem.meshes.skin import Skin
+from toros_fem.products import gripper, inflate, own_mesh, tubes
+from toros_fem.products import walker as walking
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.gripper import gripper
-from toros_fem.products.own_mesh import own_mesh
 from toros_fem.products.tiles import tile
 from toros_fem.products.tiles.problem import tile_problem
-from toros_fem.products.tubes import bend, bend_twist, contract, inflate, twist
-from toros_fem.products.tubes.tube import plain_tube
-from toros_fem.products.walker import walker as walking
+from toros_fem.products.tubes import plain_tube
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes")]
 
@@ -41,16 +39,16 @@ STAR: dict[str, Any] = {"edge_length": 3.6e-3, "filter_radius": 5.5e-3}
 FINGER: dict[str, Any] = {"edge_length": 3e-3, "filter_radius": 4.6e-3}
 HELD = own_mesh.Held(where="z < 4 mm")
 ACTUATORS: dict[str, ActuatorScene] = {
-    "bend": bend.BendScene.of(**TUBE),
-    "bend whole": bend.BendScene.of(**TUBE, whole=True),
-    "bend wrinkling": bend.BendScene.of(**TUBE, wrinkling="tension-field", filter="helmholtz"),
-    "bend knit bladder": bend.BendScene.of(
+    "bend": tubes.BendScene.of(**TUBE),
+    "bend whole": tubes.BendScene.of(**TUBE, whole=True),
+    "bend wrinkling": tubes.BendScene.of(**TUBE, wrinkling="tension-field", filter="helmholtz"),
+    "bend knit bladder": tubes.BendScene.of(
         **TUBE, knit_ratio=3.0, bladder_thickness=3e-4, print_side="outside"
     ),
-    "contract": contract.ContractScene.of(**TUBE),
-    "twist": twist.TwistScene.of(**TUBE),
-    "twist length": twist.TwistScene.of(**TUBE, keep_length=True),
-    "bend-twist": bend_twist.BendTwistScene.of(**TUBE),
+    "contract": tubes.ContractScene.of(**TUBE),
+    "twist": tubes.TwistScene.of(**TUBE),
+    "twist length": tubes.TwistScene.of(**TUBE, keep_length=True),
+    "bend-twist": tubes.BendTwistScene.of(**TUBE),
     "walker": walking.WalkerScene.of(**STAR),
     "walker stride": walking.WalkerScene.of(**STAR, motion="crawl", aim="stride"),
     "gripper": gripper.GripperScene.of(**FINGER),

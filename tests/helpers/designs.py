@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.design.density.filters import cone_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
@@ -20,7 +20,7 @@ from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Pattern, Skin, bend
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.tubes import BendScene
 
 RADIUS = 7e-3
 # Short designs leave the curve over the pressure out, which would take as long as they do, and the

@@ -9,8 +9,8 @@ from mpi4py import MPI
 from toros_fem.design.lines.centre_lines import CentreLine
 from toros_fem.design.lines.field import LineField, LineMesh
 from toros_fem.design.lines.laid_lines import LaidLines
-from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.sheets import rectangle
 
 
 def even_field(pattern: Pattern, shares: Sequence[float], degrees: Sequence[float]) -> LineField:

@@ -9,7 +9,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.base.archive import Archive
+from toros_fem.base.files import Archive
 from toros_fem.design.loop.journal import Journal, JournalEntry
 from toros_fem.design.loop.options import Iteration
 

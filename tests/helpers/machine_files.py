@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.making.manifest import NAME
 from toros_fem.making.options import INSIDE
-from toros_fem.making.sheets.manifest import NAME
 from toros_fem.meshes import Pattern
-from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.panels import Affine
 
 SVG = "{http://www.w3.org/2000/svg}"
 

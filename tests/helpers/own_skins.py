@@ -1,7 +1,7 @@
 """A finger of a mesh file of one's own."""
 
 from helpers.scenes import ROOT
-from toros_fem.products.own_mesh.own_mesh import Held, OwnMeshScene, Plain, Printed
+from toros_fem.products.own_mesh import Held, OwnMeshScene, Plain, Printed
 
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
 OWN = OwnMeshScene.of(

@@ -13,7 +13,7 @@ from toros_fem.mechanics.equilibrium.newton import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import sew
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 SIDE = 0.04
 COMPOSITE = Composite(

@@ -7,7 +7,7 @@ import shapely
 from shapely.geometry import Point, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.print.contours import printed_regions
+from toros_fem.making.contours import printed_regions
 from toros_fem.meshes import Pattern
 
 MM = 1e-3

@@ -10,7 +10,7 @@ import shapely
 from mpi4py import MPI
 
 from toros_fem.base.files import write_json, write_table
-from toros_fem.making.panels.panel_drawing import write_svg
+from toros_fem.making.panel_drawing import write_svg
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern, bend, cylinder
 from toros_fem.results.runs.frames import FOLDER, Frame, ShownSkin, write_frame, write_skin

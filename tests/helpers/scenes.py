@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from toros_fem.materials.sheet import Material
 from toros_fem.meshes import Pattern
-from toros_fem.meshes.makers.sheets import one_panel
 from toros_fem.meshes.pattern import Panel
+from toros_fem.meshes.sheets import one_panel
 
 ROOT = Path(__file__).parents[2]
 

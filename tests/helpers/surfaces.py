@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from toros_fem.meshes.surfaces.surface import Surface
+from toros_fem.meshes.surface import Surface
 
 Arrays = tuple[np.ndarray, np.ndarray]
 

@@ -28,7 +28,6 @@ from toros_fem.products.tiles.problem import (
     tile_problem,
 )
 from toros_fem.products.tiles.report import MEMBRANE, PrintedTile
-from toros_fem.products.tiles.search import random_waves
 from toros_fem.products.tiles.stiffness_profile import (
     Contrast,
     Profile,
@@ -36,6 +35,7 @@ from toros_fem.products.tiles.stiffness_profile import (
     ProfileTarget,
     tile_solver,
 )
+from toros_fem.products.tiles.tile import random_waves
 
 SIDE = 0.02
 ANGLES = np.arange(12) * np.pi / 12

@@ -5,7 +5,7 @@ import shapely
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.making.print.as_printed import PrintedDesign
+from toros_fem.making.as_printed import PrintedDesign
 
 LENGTH = 0.06
 # Slanted ribs on a spine, in m on the wall.

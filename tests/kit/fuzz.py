@@ -23,8 +23,8 @@ from helpers.line_fields import two_sheets
 from helpers.runs import regions_of, tube
 from helpers.scenes import ROOT
 
-from toros_fem.base.archive import HEADER, Archive, write_archive
-from toros_fem.making.print.printability import DEFAULT_LIMITS, write_print_polygons
+from toros_fem.base.files import HEADER, Archive, write_archive
+from toros_fem.making.printability import DEFAULT_LIMITS, write_print_polygons
 from toros_fem.meshes import write_pattern
 
 SECONDS_OF_ONE = 20.0

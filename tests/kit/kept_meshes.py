@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toros_fem.meshes.makers import flat
+from toros_fem.meshes import sheets
 
 FILE = Path(__file__).parents[1] / "golden" / "meshes.npz"
 MESHER = "polygon_mesh"
@@ -68,4 +68,4 @@ class KeptMeshes:
 
 def mesher() -> Callable[..., Any]:
     """Return the call of gmsh itself."""
-    return flat.polygon_mesh
+    return sheets.polygon_mesh

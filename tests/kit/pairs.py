@@ -9,13 +9,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from helpers.designs import (
-    border_term,
-    full,
-    make_problem,
-    passive_in,
-    widths_of,
-)  # fmt: skip
+from helpers.designs import border_term, full, make_problem, passive_in, widths_of  # fmt: skip
 from helpers.line_fields import two_sheets
 from helpers.models import line_design
 from helpers.objectives import TARGET, tube_sections
@@ -28,8 +22,8 @@ from helpers.tiles import TARGET as PROFILE
 from helpers.touching import EXACT, dragged, on_pads, sheet_with_ball, tube_on_floor_and_ball
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, total
+from toros_fem.base.validation import Floats
 from toros_fem.design.density.filters import Filter, cone_filter, group_mean, make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
@@ -50,9 +44,9 @@ from toros_fem.design.relaxed.problem import (
     smoothing,
 )
 from toros_fem.materials.sheet import Composite
-from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective
-from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.miss import AlignedObjective, MirroredObjective
+from toros_fem.measures.regions import Body, GapObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
 from toros_fem.mechanics.contact.contact import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
@@ -65,11 +59,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.terms.periodic import UNIAXIAL, Periodic
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
 from toros_fem.products.tiles.problem import TileProblem
-from toros_fem.products.tiles.stiffness_profile import (
-    ProfileObjective,
-    ProfileSolver,
-    tile_solver,
-)
+from toros_fem.products.tiles.stiffness_profile import ProfileObjective, ProfileSolver, tile_solver
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from helpers.scenes import ROOT
 
-from toros_fem.base.compiled_forms import form_cache
-from toros_fem.base.versions import versions
+from toros_fem.base.fenicsx import form_cache
+from toros_fem.base.packages import versions
 
 
 def mark() -> Path:

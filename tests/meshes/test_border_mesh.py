@@ -12,12 +12,11 @@ from shapely.geometry import Point, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import PanelError, PatternError
-from toros_fem.making.print.printability import read_print_polygons
-from toros_fem.making.print.regions import part_regions, regions_on
+from toros_fem.making.printability import part_regions, read_print_polygons, regions_on
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, two_panels
 from toros_fem.meshes.border_mesh import bordered
-from toros_fem.meshes.makers.two_panels import Star, walker
+from toros_fem.meshes.outlines import Star, walker
 from toros_fem.meshes.triangles import edge_keys, least_angles, lengths
 
 RADIUS = 0.01

@@ -1,15 +1,65 @@
-"""Panels beside each other do not overlap; triangles and regions cut by each other."""
+"""Panels: maps, places, regions, points that move."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 import shapely
 from helpers import surfaces
+from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.meshes import Pattern, cylinder, rectangle, two_panels, unwrap
-from toros_fem.meshes.panels import arranged, cut_by_triangles, panel_places
+from toros_fem.meshes.border_mesh import bordered
+from toros_fem.meshes.panels import (
+    Affine,
+    arranged,
+    border_motion,
+    cut_by_triangles,
+    panel_places,
+    with_flat_points,
+)
 
+POINTS = np.random.default_rng(0).uniform(-1, 1, (7, 2))
+SLANTED = Affine(np.array([[2.0, 0.5], [-0.3, 1.2]]), np.array([0.1, 0.2]))
+MAPS = [Affine.shift([0.3, -1]), Affine.turn(0.7, [0.1, 0.2]), Affine.mirror(), SLANTED]
 SQUARE = 0.02 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+SIZE = 0.02
+LARGEST = 1e-4
+
+
+@pytest.mark.parametrize("one", MAPS)
+def test_points_and_regions_move_alike(one: Affine) -> None:
+    region = shapely.Polygon(POINTS[:3])
+    there = shapely.get_coordinates(one.region(region))
+    assert there == pytest.approx(one.points(shapely.get_coordinates(region)))
+    assert one.vectors(POINTS[1] - POINTS[0]) == pytest.approx(
+        np.diff(one.points(POINTS[:2]), axis=0)[0]
+    )
+    assert one.inverse.points(one.points(POINTS)) == pytest.approx(POINTS)
+    assert (one.inverse @ one).matrix == pytest.approx(np.eye(2), abs=1e-15)
+
+
+def test_the_right_one_comes_first() -> None:
+    for one in MAPS:
+        for other in MAPS:
+            assert (one @ other).points(POINTS) == pytest.approx(one.points(other.points(POINTS)))
+
+
+def test_turns_are_counter_clockwise_and_quarters_exact() -> None:
+    assert Affine.turn(np.pi / 2).points([1.0, 0.0]).tolist() == [0.0, 1.0]
+    assert Affine.turn(-3 * np.pi / 2).matrix.tolist() == [[0.0, -1.0], [1.0, 0.0]]
+    assert Affine.turn(0.7, [3, 4]).angle == pytest.approx(0.7)
+    assert Affine.mirror().points([2.0, 3.0]).tolist() == [-2.0, 3.0]
+
+
+def test_the_map_between_points_is_found() -> None:
+    far = POINTS + 1e3  # a fit about the origin would lose six digits
+    found = Affine.fit(far, SLANTED.points(far))
+    assert found.matrix == pytest.approx(SLANTED.matrix, abs=1e-11)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=POINTS.shape)
+    near = Affine.fit(POINTS, SLANTED.points(POINTS) + noise)
+    assert np.abs(near.points(POINTS) - SLANTED.points(POINTS) - noise).max() < 3e-3
 
 
 def offsets(pattern: Pattern, gap: float) -> list[np.ndarray]:
@@ -135,3 +185,78 @@ def test_parts_keep_the_area_and_lie_in_their_triangles(
 def test_nothing_to_cut(pattern: Pattern) -> None:
     cell, parts = cut_by_triangles(shapely.Polygon(), pattern.corners)
     assert len(cell) == len(parts) == 0
+
+
+def along(pattern: Pattern, regions: list) -> tuple[Pattern, np.ndarray]:
+    """The pattern on the borders of regions, and which of its triangles are printed."""
+    finer, printed = bordered(MPI.COMM_SELF, pattern, regions)
+    return finer.pattern, printed
+
+
+def printed_area(pattern: Pattern, printed: np.ndarray) -> float:
+    return float(pattern.areas[printed].sum())
+
+
+def area_rate(pattern: Pattern, printed: np.ndarray) -> float:
+    motion = border_motion(pattern, printed, LARGEST)
+    ends = [
+        printed_area(with_flat_points(pattern, pattern.flat_points + way * motion), printed)
+        for way in (-LARGEST, LARGEST)
+    ]
+    return (ends[1] - ends[0]) / (2 * LARGEST)
+
+
+def test_straight_lines_grow_by_length_times_way() -> None:
+    """A slanted line across the panel: both ends slide along the panel's border."""
+    line = shapely.Polygon([(4e-3, 0), (7e-3, 0), (13e-3, SIZE), (10e-3, SIZE)])
+    pattern, printed = along(square(n=20, size=SIZE), [line])
+    perimeter = 2 * np.hypot(6e-3, SIZE)
+    assert area_rate(pattern, printed) == pytest.approx(perimeter, rel=2e-3)
+    motion = border_motion(pattern, printed, LARGEST)
+    edge = np.isin(pattern.flat_points[:, 1], (0.0, SIZE))
+    assert np.abs(motion[edge, 0]).max() > 1, "they slide further than the border goes"
+    assert np.all(motion[edge, 1] == 0), "and stay on it"
+
+
+@pytest.mark.parametrize("count", [20, 40])
+def test_discs_and_holes_grow_by_perimeter_times_way(count: int) -> None:
+    """To the order of the mesh; a border's chords are shorter than its arcs."""
+    ring = shapely.Point(SIZE / 2, SIZE / 2).buffer(7e-3, 64)
+    ring = ring.difference(shapely.Point(SIZE / 2, SIZE / 2).buffer(3e-3, 64))
+    pattern, printed = along(square(n=count, size=SIZE), [ring])
+    found = area_rate(pattern, printed)
+    assert found == pytest.approx(ring.length, rel=0.06 * 20 / count)
+
+
+def test_both_sides_of_a_seam_slide_alike() -> None:
+    """A ring around a tube crosses its seam: the tube is still sewn, and round."""
+    pattern = cylinder(MPI.COMM_SELF, 0.06, 0.02, 4e-3)
+    wall = pattern.panel_index("wall")
+    regions = [shapely.Polygon() for _ in pattern.panel_names]
+    regions[wall] = shapely.box(-1, 0.0211, 1, 0.0289)
+    pattern, printed = along(pattern, regions)
+    motion = border_motion(pattern, printed, LARGEST)
+    moved = with_flat_points(pattern, pattern.flat_points + LARGEST * motion)
+    width = np.ptp(pattern.flat_points[pattern.flat_triangles[pattern.panel == wall], 0])
+    assert printed_area(moved, printed) - printed_area(pattern, printed) == pytest.approx(
+        2 * LARGEST * width, rel=1e-6
+    )
+    radius = np.hypot(*moved.points[moved.vertices_of("wall")].T[:2])
+    assert radius == pytest.approx(0.01, rel=0.02)
+
+
+def test_nothing_is_flattened() -> None:
+    """Even a way as long as an edge leaves all triangles as they are turned."""
+    line = shapely.box(4e-3, 0, 7e-3, SIZE)
+    pattern, printed = along(square(n=20, size=SIZE), [line])
+    motion = border_motion(pattern, printed, 1.2e-3)
+    for sign in (-1, 1):
+        moved = with_flat_points(pattern, pattern.flat_points + sign * 1.2e-3 * motion)
+        assert moved.areas.min() > 0
+    assert np.abs(motion).max() < 1
+
+
+@pytest.mark.parametrize("value", [False, True])
+def test_plain_and_full_panels_do_not_move(value: bool) -> None:
+    pattern = square()
+    assert not border_motion(pattern, np.full(len(pattern.panel), value), LARGEST).any()

@@ -8,10 +8,10 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import total
 from toros_fem.meshes import Skin, Tile, cylinder, sew, tile, walker
-from toros_fem.meshes.makers.tile import KINDS
-from toros_fem.meshes.makers.two_panels import Star
+from toros_fem.meshes.outlines import Star
 from toros_fem.meshes.skin import concatenated_index_map, parts_of
-from toros_fem.meshes.surfaces.flatten import Distortion
+from toros_fem.meshes.tiles import KINDS
+from toros_fem.meshes.unwrapped import Distortion
 
 SIZE = (0.03, 0.02)
 EDGE = 3e-3

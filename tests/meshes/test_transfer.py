@@ -6,7 +6,7 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 from toros_fem.meshes import Pattern, bend, cylinder, rectangle, walker
-from toros_fem.meshes.makers.sheets import one_panel
+from toros_fem.meshes.sheets import one_panel
 from toros_fem.meshes.transfer import make_transfer, refine
 
 FINE, COARSE = 4.5e-3, 9e-3

@@ -14,7 +14,7 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.base import compiled_forms
+from toros_fem.base import fenicsx
 from toros_fem.design.loop.fields import random_density
 
 EDGE = 6e-3
@@ -112,7 +112,7 @@ def test_each_flow_has_ten_lines() -> None:
 def test_files_are_met_in_this_order(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiled_forms, "_KERNELS", {})  # as in a new process
+    monkeypatch.setattr(fenicsx, "_KERNELS", {})  # as in a new process
     told = [path_of(one) for one in re.findall(r"`([\w/]+\.py)`", FLOWS[name])]
     met = files_met(RUNS[name](tmp_path))
     assert [one for one in told if one not in met] == []

@@ -16,8 +16,8 @@ from benchmarks.accuracy.command import KNOWN, sections
 from benchmarks.bench import ROWS, read
 from toros_fem import meshes
 from toros_fem.materials.library.files import read_library
+from toros_fem.products.common.plausibility import RANGES
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.plausibility import RANGES
 
 DOCS = ROOT / "docs"
 ALONE = {"__version__", "errors", "meshes"}  # no page has these names

@@ -8,7 +8,7 @@ from helpers.designs import full
 
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import Stage
-from toros_fem.making.print.as_printed import PrintedDesign, as_printed
+from toros_fem.making.as_printed import PrintedDesign, as_printed
 from toros_fem.measures.metrics import Metric, bend_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin, bend

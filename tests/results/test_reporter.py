@@ -15,7 +15,7 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.base.files import guarded, replace_file
-from toros_fem.base.units import duration
+from toros_fem.base.keys import duration
 from toros_fem.design.loop.options import Iteration
 from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.results.reporter import DesignReporter, ProgressBar, header, line, print_step

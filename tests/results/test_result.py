@@ -12,16 +12,11 @@ from mpi4py import MPI
 
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.miss import shape_of
-from toros_fem.making.print.as_printed import PrintedDesign
-from toros_fem.making.print.printability import PanelRegion
+from toros_fem.making.as_printed import PrintedDesign
+from toros_fem.making.printability import PanelRegion
 from toros_fem.measures.figures import Figure, Tolerances
-from toros_fem.products.tables.steps import FilterTable
-from toros_fem.results.result import (
-    PrintedResult,
-    level_figures,
-    shape_problem,
-    write_summary,
-)
+from toros_fem.products.common.tables import FilterTable
+from toros_fem.results.result import PrintedResult, level_figures, shape_problem, write_summary
 from toros_fem.results.runs.stored_run import summary_of
 
 

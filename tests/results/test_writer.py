@@ -13,10 +13,10 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.base.files import guarded, if_plotting
-from toros_fem.base.versions import versions
+from toros_fem.base.packages import versions
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.making.print.as_printed import PrintedDesign
+from toros_fem.making.as_printed import PrintedDesign
 from toros_fem.materials.sheet import Composite, Membrane
 from toros_fem.measures.metrics import Metric, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

@@ -1,13 +1,61 @@
-"""Packages that come with an extra, templates of pages, and names that are loaded late."""
+"""The package and what it stands on: versions, extras, names that are loaded late, its command."""
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import os
+import platform
+import shlex
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from toros_fem.base.errors import MissingPackageError
+
+__version__ = "0.1.0"
+# Variable by which a script that calls the command line says how it was called itself.
+VARIABLE = "TOROS_COMMAND"
+
+
+def blas_kernel() -> str | None:
+    """Return the kernel type that OpenBLAS has chosen for the processor; None without OpenBLAS."""
+    for library in ("libblas.so.3", "libopenblas.so.0"):  # a distribution's, that of wheels
+        with contextlib.suppress(OSError, AttributeError):
+            name = ctypes.CDLL(library).openblas_get_corename
+            name.restype = ctypes.c_char_p
+            return str(name().decode())
+    return None
+
+
+def versions() -> dict[str, str]:
+    """Return what a result depends on: versions, and the kernel type of OpenBLAS."""
+    # Imported here: the number above is asked for by `toros --version`, which is to be quick.
+    import importlib.metadata
+
+    import dolfinx
+    import numpy as np
+    import petsc4py
+
+    gmsh = None
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # some have no metadata
+        gmsh = importlib.metadata.version("gmsh")
+    return {
+        "toros_fem": __version__,
+        "dolfinx": dolfinx.__version__,
+        "petsc4py": petsc4py.__version__,
+        "numpy": np.__version__,
+        "gmsh": gmsh or "unknown",
+        "blas_kernel": blas_kernel() or "unknown",
+        "python": sys.version.split()[0],
+        "platform": platform.platform(),
+    }
+
+
+# -------------------------------------------------------------------------- extras and late names
 
 
 def required(name: str, extra: str = "manufacture") -> Any:
@@ -52,3 +100,18 @@ def late_names(
         return sorted({*vars(sys.modules[package]), *load("__all__")})
 
     return load, listed
+
+
+# ------------------------------------------------------------------------------------ the command
+
+
+def program() -> str:
+    """Return the words that call the command line from the current folder, `toros` if they do."""
+    if own := os.environ.get(VARIABLE):
+        return shlex.quote(own)
+    if shutil.which("toros"):
+        return "toros"
+    called = Path(sys.argv[0])
+    if called.name == "toros":  # in an environment that is not activated
+        return shlex.quote(str(called))
+    return f"{shlex.quote(sys.executable)} -m toros_fem"

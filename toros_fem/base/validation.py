@@ -1,4 +1,4 @@
-"""Checks of single values: each raises a typed error that names the value and its bounds."""
+"""Types of arrays, and checks of single values: each raises a typed error that names its bounds."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import UnionType
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError, TorosError
 
+Floats: TypeAlias = npt.NDArray[np.float64]
+Ints: TypeAlias = npt.NDArray[np.int64]
+LocalInts: TypeAlias = npt.NDArray[np.int32]
+"""Numbers local to a rank, as dolfinx keeps them."""
+Bools: TypeAlias = npt.NDArray[np.bool_]
 # Longest text of a value in a message.
 LONGEST = 60
 # Longest name of a panel, a chamber or a part.

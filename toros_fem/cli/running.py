@@ -21,13 +21,13 @@ from toros_fem.base.errors import CheckpointError, FileError, ParameterError, To
 from toros_fem.base.files import guarded, if_plotting, require_unused, write_table
 from toros_fem.base.keys import Key, nearest, plain_value
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.program import program
+from toros_fem.base.packages import program
 from toros_fem.cli.command import Answer
 from toros_fem.cli.process import UsageError
 from toros_fem.cli.scene_files import QUICK, SceneFile, keys_of, read_scene, scene_text
 from toros_fem.measures.figures import State
+from toros_fem.products.common.plausibility import doubts, warn_of_doubts
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.plausibility import doubts, warn_of_doubts
 from toros_fem.results.report.page_file import write_report
 from toros_fem.results.report.tables import as_text
 from toros_fem.results.runs.open_run import EVERY, FREE, open_run, read_record
@@ -201,7 +201,7 @@ def _require_meshes(comm: MPI.Comm, scene: SceneFile, name: str, files: Mapping[
     from toros_fem.products.actuators.cost import require_affordable_meshes
     from toros_fem.products.actuators.scene import ActuatorScene
     from toros_fem.products.actuators.simulate import case_to_simulate
-    from toros_fem.products.tubes.inflate import InflateScene
+    from toros_fem.products.inflate import InflateScene
 
     config = scene.config
     if isinstance(config, InflateScene):

@@ -27,8 +27,7 @@ from toros_fem.base.keys import (
     typed,
 )
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.scene import Scene
-from toros_fem.base.toml_file import Document, Place, at, read_text
+from toros_fem.base.scene import Document, Place, Scene, at, read_text
 from toros_fem.base.validation import shown
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.materials.library.material import THREADS, LibraryMaterial

@@ -1,1 +1,1 @@
-"""From a design to machine files."""
+"""From a design to machine files: the print, panels to cut, beds and sheets."""

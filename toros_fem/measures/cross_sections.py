@@ -8,17 +8,23 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import sum_over_ranks
 from toros_fem.base.validation import (
+    Floats,
+    Ints,
     real_numbers,
     require_count,
     require_kind,
     whole_numbers,
 )
-from toros_fem.measures.rotation import axial, polar_rotation, require_determined
-from toros_fem.measures.shape import Nodes, checked_target
+from toros_fem.measures.shape import (
+    Nodes,
+    axial,
+    checked_target,
+    polar_rotation,
+    require_determined,
+)
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import OtherMesh
 

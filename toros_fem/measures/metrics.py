@@ -9,9 +9,10 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
+    Floats,
+    Ints,
     checked_floats,
     is_number,
     require_callable,
@@ -23,9 +24,8 @@ from toros_fem.base.validation import (
 )
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
 from toros_fem.measures.figures import TOLERANCE, Figure, formatted, unit_of
-from toros_fem.measures.rotation import axial, best_rotation, polar_rotation
-from toros_fem.meshes.mirror import mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.measures.shape import axial, best_rotation, polar_rotation
+from toros_fem.meshes.pattern import Pattern, mirrored
 
 # Columns of the history and entries of the summary that a metric's key could hide.
 RESERVED = frozenset((

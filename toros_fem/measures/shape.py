@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import dot, sum_over_ranks
-from toros_fem.base.validation import checked_floats, real_numbers, shown
+from toros_fem.base.mpi import dot, largest, sum_over_ranks
+from toros_fem.base.validation import Floats, Ints, checked_floats, real_numbers, shown
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.transfer import OtherMesh
 
 # Largest size of a target, and distance from the skin, over the skin's size.
 FAR = 10.0
+# Length of the differences that give the objective's curvature, over the skin's size.
+DIFFERENCE = 1e-4
+# Least eigenvalue of H after its diagonal is scaled to 1.
+LEAST = 1e-6
+# Smallest over largest eigenvalue of B: below this the rotation is not determined.
+DETERMINED = 1e-6
 
 
 class Objective(Protocol):
@@ -212,3 +218,117 @@ def weighted_areas(
             "not all zero."
         )
     return areas * factors.reshape(shape)
+
+
+# ------------------------------------------------------------------------ motion along directions
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Residuals r, (j,), linear in the positions around a shape, whose squares are a part of T.
+
+    A pressure changes the amplitude of a whole deformation, a bend for instance, and so does every
+    density. In MMA's separable approximation each of them alone takes the amplitude to its target,
+    and all together go far beyond. As a residual of its own the amplitude is approximated first and
+    squared afterwards: the sum of all changes counts.
+
+    With directions Y, the objective's slope g = Yᵀ∂T/∂x and its curvature H = Yᵀ(∂²T/∂x²)Y = L Lᵀ,
+    r = L⁻¹ (g + Yᵀ ∂²T/∂x² (x − x₀)) / √2. Along Y the squares of r are then the quadratic part of
+    T, up to a constant. Where T is not convex along Y, or where two directions are nearly alike,
+    H is replaced by a matrix that is safely positive definite.
+
+    Attributes:
+        skin: The skin.
+        here: Positions x₀ of the owned nodes, (n, 3), in m.
+        offsets: r at x₀, (j,).
+        directions: ∂r/∂x at the owned nodes in 1/m, (j, n, 3).
+    """
+
+    skin: Skin
+    here: Floats
+    offsets: Floats
+    directions: Floats
+
+    def along(self, positions: Floats) -> Floats:
+        """Return r, (j,), at positions of the owned nodes, (n, 3) (collective)."""
+        local: Floats = np.einsum("jnk,nk->j", self.directions, positions - self.here)
+        return np.asarray(self.offsets + sum_over_ranks(self.skin.comm, local))
+
+
+def motion_along(
+    skin: Skin, objective: Objective, positions: Floats, moves: Sequence[Floats]
+) -> Motion:
+    """Return the residuals along directions Y at the owned nodes, each (n, 3) (collective).
+
+    Directions may have any unit; one without any motion has a residual of 0.
+    """
+    comm = skin.comm
+    here: Floats = np.array(positions)
+    bent: Floats = np.zeros((len(moves), *here.shape))
+    for k, move in enumerate(moves):
+        longest = largest(comm, float(np.abs(move).max(initial=0.0)))
+        if longest > 0:
+            step = DIFFERENCE * skin.pattern.size / longest
+            ahead, behind = (objective.backward(here + sign * step * move) for sign in (1, -1))
+            bent[k] = (ahead - behind) / (2 * step)
+    slope = objective.backward(here)
+    slopes = np.array([dot(comm, move.ravel(), slope.ravel()) for move in moves])
+    curvature = np.array([[dot(comm, a.ravel(), b.ravel()) for b in bent] for a in moves])
+    inverse = _inverse_root(curvature.reshape(len(moves), len(moves))) / np.sqrt(2)
+    return Motion(skin, here, inverse @ slopes, np.einsum("ij,jnk->ink", inverse, bent))
+
+
+def _inverse_root(curvature: Floats) -> Floats:
+    """Return L⁻¹ with L Lᵀ a positive definite matrix near H; rows of zeros where H has them."""
+    size = np.sqrt(np.abs(np.diag(curvature)))
+    inverse_size = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    scaled = inverse_size[:, None] * (curvature + curvature.T) / 2 * inverse_size
+    value, vector = np.linalg.eigh(scaled)
+    value = np.maximum(np.abs(value), LEAST)
+    root = np.linalg.cholesky((vector * value) @ vector.T)
+    return np.asarray(np.linalg.inv(root) * inverse_size)
+
+
+# ---------------------------------------------------------------------------------- best rotation
+
+
+def polar_rotation(moments: Floats) -> tuple[Floats, Floats]:
+    """Return the rotation R that maximises tr(Rᵀ M), for each M = Σ w b aᵀ (Kabsch 1976).
+
+    R is the best rotation of a onto b. δR = R [ω]× with ω = B⁻¹ axial(Rᵀ δM), where
+    axial(N) = (N₃₂ − N₂₃, N₁₃ − N₃₁, N₂₁ − N₁₂) and B = tr(P) 1 − P, P = Rᵀ M: from
+    δM = δR P + R δP with P and δP symmetric. All are (…, 3, 3). B is singular where R is not
+    unique: the points lie on a line, or one set is the mirror image of the other.
+    """
+    u, _, vt = np.linalg.svd(moments)
+    sign = np.ones(moments.shape[:-1])
+    sign[..., 2] = np.sign(np.linalg.det(u @ vt))
+    rotation = (u * sign[..., None, :]) @ vt
+    stretch = np.swapaxes(rotation, -1, -2) @ moments
+    trace = np.trace(stretch, axis1=-2, axis2=-1)[..., None, None]
+    return rotation, trace * np.eye(3) - (stretch + np.swapaxes(stretch, -1, -2)) / 2
+
+
+def require_determined(matrices: Floats, names: Sequence[str], remedy: str) -> None:
+    """Check that the best rotations of named points onto the target are unique.
+
+    B of `polar_rotation`, (k, 3, 3), in m², is the same on all ranks; `remedy` ends the message.
+    """
+    for name, values in zip(names, np.linalg.eigvalsh(matrices), strict=True):
+        if not values[0] > DETERMINED * values[-1]:
+            raise ParameterError(
+                f"the best rotation of {name} onto the target is not unique: one of them lies on a "
+                f"line, or is the other's mirror image (eigenvalues {values} m²). {remedy}"
+            )
+
+
+def axial(matrices: Floats) -> Floats:
+    """Return (N₃₂ − N₂₃, N₁₃ − N₃₁, N₂₁ − N₁₂) of matrices, (…, 3, 3)."""
+    skew = matrices - np.swapaxes(matrices, -1, -2)
+    return np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+
+
+def best_rotation(reference: Floats, deformed: Floats) -> Floats:
+    """Return the rotation, (3, 3), that best maps centred points, (k, 3), onto others: R a ≈ b."""
+    a, b = reference - reference.mean(axis=0), deformed - deformed.mean(axis=0)
+    return polar_rotation(b.T @ a)[0]

@@ -10,15 +10,15 @@ from toros_fem.base.scene import Scene
 
 # Where the class of each kind is, under toros_fem.products, and what it is.
 _SCENES = {
-    "bend": ("tubes.bend.BendScene", "a tube that bends"),
-    "bend-twist": ("tubes.bend_twist.BendTwistScene", "a tube that bends and twists at once"),
-    "contract": ("tubes.contract.ContractScene", "a tube that shortens"),
-    "twist": ("tubes.twist.TwistScene", "a tube that twists"),
-    "inflate": ("tubes.inflate.InflateScene", "a tube without reinforcement that swells"),
-    "walker": ("walker.walker.WalkerScene", "an X-shaped robot that stands up or crawls"),
-    "gripper": ("gripper.gripper.GripperScene", "a gripper whose fingers close on an object"),
+    "bend": ("tubes.BendScene", "a tube that bends"),
+    "bend-twist": ("tubes.BendTwistScene", "a tube that bends and twists at once"),
+    "contract": ("tubes.ContractScene", "a tube that shortens"),
+    "twist": ("tubes.TwistScene", "a tube that twists"),
+    "inflate": ("inflate.InflateScene", "a tube without reinforcement that swells"),
+    "walker": ("walker.WalkerScene", "an X-shaped robot that stands up or crawls"),
+    "gripper": ("gripper.GripperScene", "a gripper whose fingers close on an object"),
     "tile": ("tiles.tile.TileScene", "a periodic fabric of designed stiffness"),
-    "own-mesh": ("own_mesh.own_mesh.OwnMeshScene", "a skin of your own, from a mesh file"),
+    "own-mesh": ("own_mesh.OwnMeshScene", "a skin of your own, from a mesh file"),
 }
 ABOUT: Mapping[str, str] = MappingProxyType({name: about for name, (_, about) in _SCENES.items()})
 

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from toros_fem.base.files import guarded, write_table
-from toros_fem.base.units import duration
+from toros_fem.base.keys import duration
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation

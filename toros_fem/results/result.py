@@ -11,18 +11,17 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.base.files import guarded, write_json
 from toros_fem.base.keys import Table
+from toros_fem.base.packages import versions
 from toros_fem.base.scene import Scene
-from toros_fem.base.validation import require_kind
-from toros_fem.base.versions import versions
+from toros_fem.base.validation import Floats, require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.miss import prefix_of
 from toros_fem.design.loop.options import LOST, Iteration, growth_of_miss
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
-from toros_fem.making.print.as_printed import PrintedDesign
+from toros_fem.making.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall, verdict_of
 from toros_fem.measures.miss import shape_figures
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium

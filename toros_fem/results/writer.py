@@ -10,27 +10,25 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.files import guarded, if_plotting, naming, replacing, write_table
 from toros_fem.base.keys import Table
 from toros_fem.base.scene import Scene
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Floats, require_kind
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.making.panels.panel_drawing import write_svg
-from toros_fem.making.print.as_printed import PrintedDesign
-from toros_fem.making.print.printability import PRINT, printed_cells, write_print_polygons
+from toros_fem.making.as_printed import PrintedDesign
+from toros_fem.making.panel_drawing import write_svg
+from toros_fem.making.printability import PRINT, printed_cells, write_print_polygons
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkles
-from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.meshes.files import PATTERN_FILE, write_pattern
+from toros_fem.meshes.pattern import Mirrored, Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.results.result import (
     PrintedResult,
@@ -137,7 +135,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
         write_print_polygons(folder / PRINT, printed.pattern, printed.regions, printed.limits)
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
         # Of a part: its triangles are the first of the whole.
-        write_pattern(folder / NAME, part, cells[: len(part.panel)])
+        write_pattern(folder / PATTERN_FILE, part, cells[: len(part.panel)])
         write_series(folder, seen, [frame])
         for skin, pose in poses:
             write_series(folder, skin, [pose])

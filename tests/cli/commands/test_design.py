@@ -17,7 +17,7 @@ from toros_fem.cli.command import Answer
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files import read_scene, scene_text
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.meshes.pattern_file import write_pattern
+from toros_fem.meshes.files import write_pattern
 from toros_fem.meshes.skin import sew
 from toros_fem.products.kinds import KINDS
 from toros_fem.results.runs.open_run import open_run

@@ -12,8 +12,8 @@ from kit.scene_runs import summary_of, value_of
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
-from toros_fem.making.print.printability import printed_cells, read_print_polygons
-from toros_fem.meshes.pattern_file import read_print
+from toros_fem.making.printability import printed_cells, read_print_polygons
+from toros_fem.meshes.files import read_print
 
 Designed = tuple[Path, Path]
 # What the files may change of printed area and angle.

@@ -15,7 +15,7 @@ import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from toros_fem.base import compiled_forms
+from toros_fem.base import fenicsx
 from toros_fem.base.errors import NoEquilibriumError, OutputError, ParameterError
 from toros_fem.cli.command import Answer
 from toros_fem.cli.commands.main import COMMANDS, application, command_of, run
@@ -25,7 +25,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import sew
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 ALONE = MPI.COMM_SELF
 
@@ -305,8 +305,8 @@ def test_without_a_home_and_a_cache(home: str | None, cache: str | None, tmp_pat
 def test_a_cache_that_cannot_be_made_is_told(
     alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiled_forms, "form_cache", lambda: Path("/proc/no/forms"))
-    monkeypatch.setattr(compiled_forms, "_KERNELS", {})
+    monkeypatch.setattr(fenicsx, "form_cache", lambda: Path("/proc/no/forms"))
+    monkeypatch.setattr(fenicsx, "_KERNELS", {})
     pattern = rectangle(alone, 0.02, 0.02, 0.01)
     with pytest.raises(OutputError, match="/proc/no/forms cannot be made, .* XDG_CACHE_HOME"):
         EquilibriumSolver(sew(alone, pattern), Composite(bending=None), clamp(pattern, ["sheet"]))

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
 from toros_fem.meshes import read_pattern, read_surface, unwrap
-from toros_fem.products.tables.unwrapping import Unwrapping
+from toros_fem.products.common.options import Unwrapping
 
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
 

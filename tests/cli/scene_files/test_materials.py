@@ -12,7 +12,7 @@ from toros_fem.cli.scene_files import read_scene, scene_text
 from toros_fem.materials.library.files import read_library, write_material
 from toros_fem.materials.sheet import Bladder, Material, print_offset, reinforced
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.tubes import BendScene
 
 LIBRARY = read_library()
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from helpers.scenes import ROOT
 
-from toros_fem.base.units import DIMENSIONS
+from toros_fem.base.keys import DIMENSIONS
 from toros_fem.cli.scene_files import read_scene
 from toros_fem.products.kinds import ABOUT, KINDS
 

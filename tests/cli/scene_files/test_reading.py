@@ -10,8 +10,8 @@ from mpi4py import MPI
 from toros_fem.base.errors import FileError
 from toros_fem.cli.scene_files import read_scene
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.own_mesh.own_mesh import Held
-from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.own_mesh import Held
+from toros_fem.products.tubes import BendScene
 
 
 def scene(folder: Path, text: str, **options: Any) -> Any:

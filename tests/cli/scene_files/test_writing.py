@@ -8,8 +8,8 @@ import pytest
 from toros_fem.base.errors import ParameterError
 from toros_fem.cli.scene_files import WIDTH, read_scene, scene_text
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.own_mesh.metrics import MetricTable
-from toros_fem.products.own_mesh.own_mesh import Held, OwnMeshScene, Printed
+from toros_fem.products.own_mesh import Held, OwnMeshScene, Printed
+from toros_fem.products.own_metrics import MetricTable
 
 
 @pytest.mark.parametrize("name", list(KINDS))

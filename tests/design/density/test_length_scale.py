@@ -5,7 +5,7 @@ import pytest
 from helpers.scenes import square, table
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.design.density.filters import Filter, Linear, cone_filter, make_filter
 from toros_fem.design.density.length_scale import (
     LengthScale,

@@ -9,7 +9,7 @@ from toros_fem.design.lines.centre_lines import Stripes, Waves, find_stripes, tr
 from toros_fem.design.lines.field import LineMesh, make_line_mesh
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.meshes import cylinder
-from toros_fem.meshes.makers.sheets import disc, rectangle
+from toros_fem.meshes.sheets import disc, rectangle
 from toros_fem.meshes.triangles import following
 
 SPACING = 5e-3

@@ -8,8 +8,8 @@ from toros_fem.design.lines.ends import Net
 from toros_fem.design.lines.field import LineField, LineOptions, in_plane, make_line_mesh
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.meshes.makers.sheets import disc, one_panel, rectangle
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.sheets import disc, one_panel, rectangle
 
 DISC = disc(MPI.COMM_SELF, 0.025, 2.5e-3)
 SHEET = rectangle(MPI.COMM_SELF, 0.06, 0.04, 2.5e-3, "unstructured")

@@ -7,8 +7,8 @@ from mpi4py import MPI
 
 from toros_fem.design.lines.field import LineField, LineMesh, LineOptions, make_line_mesh
 from toros_fem.meshes import cylinder
-from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.sheets import rectangle
 
 SHEET = rectangle(MPI.COMM_SELF, 0.02, 0.01, 5e-3)
 COUNT = len(SHEET.panel)

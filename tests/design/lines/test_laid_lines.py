@@ -28,8 +28,8 @@ from toros_fem.design.lines.laid_lines import (
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.border_mesh import bordered
-from toros_fem.meshes.makers.sheets import rectangle
-from toros_fem.meshes.moving import border_motion
+from toros_fem.meshes.panels import border_motion
+from toros_fem.meshes.sheets import rectangle
 
 WIDTH = 0.6e-3
 SIDE = 0.04

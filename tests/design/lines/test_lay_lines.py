@@ -10,9 +10,9 @@ from toros_fem.design.lines.centre_lines import CentreLine, LinesOfFamily
 from toros_fem.design.lines.field import LineField, LineOptions, make_line_mesh
 from toros_fem.design.lines.laid_lines import LaidLines, with_regions
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.making.print.widths import measure_widths
+from toros_fem.making.contours import measure_widths
 from toros_fem.meshes import cylinder, walker
-from toros_fem.meshes.makers.sheets import one_panel, rectangle
+from toros_fem.meshes.sheets import one_panel, rectangle
 
 
 @pytest.mark.parametrize("direction", [90.0, -90.0], ids=["same", "reversed"])

@@ -10,8 +10,8 @@ from helpers.loops import OneEntry, Stopped, figures
 from helpers.standing import solver_on_base
 from mpi4py import MPI
 
-from toros_fem.base.archive import Archive
 from toros_fem.base.errors import CheckpointError, NoEquilibriumError
+from toros_fem.base.files import Archive
 from toros_fem.design.loop.journal import kept_evaluation, restored_evaluation, signature_of
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage

@@ -15,10 +15,8 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.meshes import bend
 from toros_fem.meshes.transfer import refine
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.bend_twist import BendTwistScene
-from toros_fem.products.tubes.twist import TwistScene
-from toros_fem.products.walker.walker import WalkerScene
+from toros_fem.products.tubes import BendScene, BendTwistScene, TwistScene
+from toros_fem.products.walker import WalkerScene
 
 LENGTH = 0.06
 TUBE = {"edge_length": 5.5e-3, "filter_radius": 8.5e-3, **DESIGN_ALONE}

@@ -9,14 +9,14 @@ from helpers.loops import OneEntry, Stopped, figures
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.levels import gathered
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
-from toros_fem.making.print.as_printed import as_printed
+from toros_fem.making.as_printed import as_printed
 from toros_fem.measures.metrics import Metric, bend_angle
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, bend, cylinder

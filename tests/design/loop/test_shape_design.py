@@ -7,14 +7,14 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem import errors
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem, carried_along
 from toros_fem.measures.metrics import bend_angle, shortening
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, bend, cylinder
-from toros_fem.meshes.moving import with_flat_points
+from toros_fem.meshes.panels import with_flat_points
 from toros_fem.meshes.transfer import refine
 
 LENGTH, DIAMETER, RADIUS = 0.06, 0.02, 7e-3

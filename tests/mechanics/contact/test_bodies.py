@@ -8,7 +8,7 @@ from helpers import surfaces
 
 from toros_fem.mechanics.contact.bodies import RigidBody, rotation
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
-from toros_fem.meshes.surfaces.surface import volume
+from toros_fem.meshes.surface import volume
 from toros_fem.meshes.triangles import normals
 
 DEPTH = 2e-4

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from kit.slopes import slope
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.mechanics.contact.sliding import Coulomb
 
 LAW = Coulomb(0.6, 1e-4)

@@ -11,8 +11,8 @@ from toros_fem.mechanics.contact.barrier import HalfSpacePairs
 from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.layers import ContactSizes, check_start, opened, skin_mesh
 from toros_fem.meshes import Pattern, cylinder, finger, rectangle, two_panels, walker
-from toros_fem.meshes.makers.flat import circle
 from toros_fem.meshes.pattern import Panel
+from toros_fem.meshes.sheets import circle
 
 ipctk = pytest.importorskip("ipctk")
 

@@ -10,7 +10,7 @@ from helpers.standing import model_on_base, solver_on_base
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium import equilibrium
 from toros_fem.mechanics.equilibrium.equilibrium import (
@@ -27,7 +27,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import Skin, cylinder, sew
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 OUTCOMES = PETSc.SNES.ConvergedReason
 LOAD = Load(np.array([2e3]))

@@ -7,7 +7,7 @@ import pytest
 from helpers.scenes import square
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.bodies import Ground
 from toros_fem.mechanics.contact.contact import Contact

@@ -17,7 +17,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.meshes import Skin, sew
-from toros_fem.meshes.makers.sheets import disc
+from toros_fem.meshes.sheets import disc
 
 RADIUS = 0.02
 

@@ -12,8 +12,8 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_out, slip_under
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.meshes import sew
-from toros_fem.products.gripper import gripper
-from toros_fem.products.gripper.load import ALONG
+from toros_fem.products import gripper
+from toros_fem.products.gripper_load import ALONG
 
 pytest.importorskip("ipctk")
 

@@ -20,7 +20,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkle_field, wrinkles
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern, sew
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 SIZE, SHEAR, RESIDUAL = 0.02, 0.1, 1e-5
 SHEET = Composite(

@@ -19,7 +19,7 @@ from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.mechanics.terms.model import SkinModel, make_model
 from toros_fem.mechanics.terms.periodic import Periodic
 from toros_fem.meshes import Skin, cylinder, sew
-from toros_fem.meshes.makers.tile import tile
+from toros_fem.meshes.tiles import tile
 from toros_fem.products.tiles.stiffness_profile import tile_solver
 
 RATIO = 3.0

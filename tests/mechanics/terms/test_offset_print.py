@@ -17,7 +17,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.mechanics.terms.model import SkinModel
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 PRINT = Material(1e6, 0.3, 1e-3)
 

@@ -15,7 +15,7 @@ from toros_fem.mechanics.skin.patch_space import pattern_edges
 from toros_fem.mechanics.skin.supports import Supports, clamp, pin, symmetry_plane
 from toros_fem.mechanics.terms.model import make_model
 from toros_fem.meshes import cylinder, mirrored, sew
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
 
 SHEET = Material(1e6, 0.3, 1e-3)
 WIDE = Composite(SHEET, SHEET, c1=1e3, c2=1e3, bending=None)  # eq. (1) without its bounds

@@ -13,20 +13,20 @@ from toros_fem.design.loop.fields import random_density
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.making.print.as_printed import as_printed, printed_lines
+from toros_fem.making.as_printed import as_printed, printed_lines
 from toros_fem.measures.cross_sections import (
     CrossSectionObjective,
     CrossSections,
     label_cross_sections,
 )
-from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.regions import Body, GapObjective
 from toros_fem.measures.shape import Nodes, Part, ShapeObjective, ShapePart
 from toros_fem.mechanics.skin.dead_loads import point_force
 from toros_fem.mechanics.skin.supports import Supports, clamp, pin
 from toros_fem.meshes import WALKER, Pattern, Skin, bend, cylinder, stand, walker
 from toros_fem.products.actuators.legs import rest_on_body
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric
+from toros_fem.products.tubes import SectionTubeScene, bend_metric
 
 LEG = ActuatorScene.of(
     seams="hinged",

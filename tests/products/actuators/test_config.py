@@ -14,9 +14,8 @@ from toros_fem.design.relaxed.find import RelaxedOptions
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material
 from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.tables.loads import Sheets
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.tube import TubeScene
+from toros_fem.products.common.tables import Sheets
+from toros_fem.products.tubes import BendScene, TubeScene
 
 
 def test_composite() -> None:

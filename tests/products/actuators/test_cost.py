@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import MeshSizeError
 from toros_fem.meshes import triangle_limit
+from toros_fem.products import tubes
 from toros_fem.products.actuators.cost import (
     OF_RANK,
     actuator_cost,
@@ -17,9 +18,8 @@ from toros_fem.products.actuators.cost import (
     require_affordable_meshes,
     sized,
 )
-from toros_fem.products.tubes import bend, contract
 
-SMALL = bend.BendScene.of(length=0.06, edge_length=1e-3, filter_radius=2e-3)
+SMALL = tubes.BendScene.of(length=0.06, edge_length=1e-3, filter_radius=2e-3)
 
 
 def test_the_probe_has_a_coarse_mesh() -> None:
@@ -56,12 +56,12 @@ def test_a_finer_mesh_costs(alone: MPI.Comm) -> None:
 def test_lines_keep_another_print_beside_the_check(alone: MPI.Comm) -> None:
     once, twice = (
         actuator_cost(
-            alone, contract.ContractScene().updated(check_refinement=1.5, corrections=rounds)
+            alone, tubes.ContractScene().updated(check_refinement=1.5, corrections=rounds)
         )
         for rounds in (0, 4)
     )
     assert (once.beside, twice.beside) == (1, 2), "the finer mesh may judge two prints"
-    own = contract.ContractScene().updated(check_refinement=1.5)
+    own = tubes.ContractScene().updated(check_refinement=1.5)
     assert actuator_cost(alone, own, from_print=True).beside == 1
 
 

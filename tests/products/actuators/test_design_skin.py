@@ -16,16 +16,11 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.base.errors import (
-    CheckpointError,
-    OutputError,
-    ParameterError,
-    RunStoppedError,
-)
+from toros_fem.base.errors import CheckpointError, OutputError, ParameterError, RunStoppedError
 from toros_fem.meshes import bend, cylinder, twist
 from toros_fem.products.actuators.design_skin import scene_of
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.tubes import BendScene
 from toros_fem.results.reporter import DesignReporter
 
 CaseOf = Callable[[float], tf.Case]

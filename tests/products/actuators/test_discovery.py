@@ -19,7 +19,8 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.miss import Aim, residuals_of
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
-from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.sheets import rectangle
+from toros_fem.products import tubes
 from toros_fem.products.actuators import corrections, discovery
 from toros_fem.products.actuators.corrections import (
     StrainResponse,
@@ -27,11 +28,7 @@ from toros_fem.products.actuators.corrections import (
     strains_to_ask,
     with_strains,
 )
-from toros_fem.products.actuators.discovery import (
-    Discovery,
-    densities_from,
-    discover,
-)
+from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import Job, MeshValues, values_on
 from toros_fem.products.actuators.printed_lines import (
     WIDER,
@@ -40,9 +37,7 @@ from toros_fem.products.actuators.printed_lines import (
     mending,
     print_of_lines,
 )
-from toros_fem.products.tubes import bend, twist
-from toros_fem.products.tubes.bend_twist import BendTwistScene
-from toros_fem.products.tubes.contract import ContractScene
+from toros_fem.products.tubes import BendTwistScene, ContractScene
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
@@ -54,7 +49,7 @@ SHORT: dict[str, Any] = {
     "laid_width": 2.5e-3,
     **DESIGN_ALONE,
 }
-TINY = twist.TwistScene().updated(
+TINY = tubes.TwistScene().updated(
     relaxed_iterations=3, directions=6, corrections=1, density_iterations=2, cross_sections=4,
     twist=60.0, pressure=8e3, **SHORT,
 )  # fmt: skip
@@ -234,7 +229,7 @@ def test_densities_go_on_from_the_lines(alone: MPI.Comm, found: Discovery) -> No
     assert rows[0].g_r > 0, "the widths are constrained"
 
 
-class Untold(bend.BendScene):
+class Untold(tubes.BendScene):
     """Numbers of a tube whose targets are in no field, and whose whole shape counts."""
 
     @classmethod

@@ -27,7 +27,7 @@ from toros_fem.products.actuators.estimates import (
     near_on_coarser,
     trial_intervals,
 )
-from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.tubes import BendScene
 
 
 def levels_tried(

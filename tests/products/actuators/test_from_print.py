@@ -15,7 +15,7 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.fields import CarriedDesign
 from toros_fem.design.loop.levels import optimize_levels
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.making.print.printability import DEFAULT_LIMITS, PRINT, write_print_polygons
+from toros_fem.making.printability import DEFAULT_LIMITS, PRINT, write_print_polygons
 from toros_fem.products.actuators import designer
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.products.actuators import designer
 from toros_fem.products.actuators.designer import ANOTHER_SEED, DensityDesigner, other_ways
-from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.tubes import BendScene
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 

@@ -17,7 +17,7 @@ from helpers.surfaces import sphere
 from mpi4py import MPI
 from shapely import Polygon
 
-from toros_fem.base.array_types import Bools
+from toros_fem.base.validation import Bools
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.materials.sheet import Bending, Composite, Material
@@ -33,7 +33,7 @@ from toros_fem.products.actuators.pressure import (
     trace_pressure_curve,
     write_curve,
 )
-from toros_fem.products.tables.loads import ResultTable
+from toros_fem.products.common.tables import ResultTable
 from toros_fem.results.runs.frames import read_frames
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))

@@ -11,8 +11,8 @@ from mpi4py import MPI
 from toros_fem.measures.figures import State, overall
 from toros_fem.products.actuators import designer
 from toros_fem.products.actuators.result import SkinDesign
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.walker.walker import WalkerScene
+from toros_fem.products.tubes import BendScene
+from toros_fem.products.walker import WalkerScene
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 

@@ -22,12 +22,12 @@ from toros_fem.measures.figures import largest_part
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.meshes import Skin, bend
+from toros_fem.products import tubes
 from toros_fem.products.actuators import designer
 from toros_fem.products.actuators.designer import DensityDesigner
 from toros_fem.products.actuators.pressure import NOT_FROM_REST, OTHER_SHAPE, CurveFigures
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.tubes import bend as bend_demo
-from toros_fem.products.tubes.tube import TubeScene, bend_metric
+from toros_fem.products.tubes import TubeScene, bend_metric
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.frames import FOLDER, Frame, read_frames
 
@@ -262,7 +262,7 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
 @pytest.mark.slow
 def test_of_several_seeds_the_best_is_kept(alone: MPI.Comm, tmp_path: Path) -> None:
     """None reaches the target, so that all are tried; each is the design of its seed alone."""
-    config = bend_demo.BendScene.of(angle=170.0, iterations=4, corrections=0, **COARSE)
+    config = tubes.BendScene.of(angle=170.0, iterations=4, corrections=0, **COARSE)
     single = [config.updated(seed=seed).run_design(alone, tmp_path / f"{seed}") for seed in (1, 2)]
     best = min(single, key=lambda one: largest_part(one.figures))
     made = config.updated(seeds=2).run_design(alone, tmp_path / "both")
@@ -288,7 +288,7 @@ COARSE: dict[str, Any] = {
 }  # fmt: skip
 
 
-class Judged(bend_demo.BendScene):
+class Judged(tubes.BendScene):
     """A tube that is judged by its height too."""
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
@@ -318,7 +318,7 @@ def test_a_corrected_design(alone: MPI.Comm, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_design_that_does_not_follow_is_not_asked_again(alone: MPI.Comm, tmp_path: Path) -> None:
     few = {"iterations": 2, "level_iterations": 1, "corrections": 4}
-    config = bend_demo.BendScene.of(angle=90.0, level_move_limit=1e-4, **few, **COARSE)
+    config = tubes.BendScene.of(angle=90.0, level_move_limit=1e-4, **few, **COARSE)
     made = config.run_design(alone, tmp_path)
     rounds = made.search.rounds
     assert 1 <= rounds < 4

@@ -13,8 +13,7 @@ from toros_fem.cli.scene_files import read_scene, scene_text
 from toros_fem.measures.figures import largest_part
 from toros_fem.mechanics.terms.loads import GRAVITY
 from toros_fem.products.actuators.pressure import OTHER_SHAPE
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.twist import TwistScene
+from toros_fem.products.tubes import BendScene, TwistScene
 from toros_fem.results.runs.stored_run import read_run
 
 HEAD = 'kind = "bend"\n[target]\nangle = 60\n[pressure]\npressure = "6 kPa"\n'
@@ -47,6 +46,19 @@ def test_poses_have_what_differs(alone: MPI.Comm, tmp_path: Path) -> None:
     assert pull == pytest.approx([-5e-3 * GRAVITY / 2, 0, 0])
     assert not np.any(loaded.force[case.pattern.points[:, 2] < 0.149])
     assert case.force is None
+
+
+def test_a_blocked_tip_is_where_a_bend_puts_it(alone: MPI.Comm, tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, f"{HEAD}[[pose]]\nblocked_angle = 30\nblocked_force = 0.4\n")
+    case = scene.case_of_poses(alone, scene.updated(edge_length=5e-3).finest_level)
+    (pose,) = case.poses
+    assert pose.blocked is not None
+    assert pose.blocked.force == 0.4
+    # An arc of 0.15 m by 30°, whose inner side at 0.01 m keeps its length.
+    angle, arc = np.radians(30), 0.15 / np.radians(30) + 0.01
+    x, z = arc * (1 - np.cos(angle)), arc * np.sin(angle)
+    assert pose.blocked.pose == pytest.approx((x, 0, z - 0.15, 0, angle, 0), abs=1e-3)
+    assert pose.blocked.free == (False, False, True, False, True, False)
 
 
 def test_a_written_scene_reads_the_same(tmp_path: Path) -> None:

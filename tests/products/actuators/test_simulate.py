@@ -9,12 +9,12 @@ from helpers.designs import DESIGN_ALONE, case_of
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.meshes.pattern_file import write_pattern
-from toros_fem.products.tubes import bend, inflate
+from toros_fem.meshes.files import write_pattern
+from toros_fem.products import inflate, tubes
 
 pytestmark = pytest.mark.usefixtures("few_pictures")
 
-SMALL = bend.BendScene.of(
+SMALL = tubes.BendScene.of(
     length=0.08, edge_length=4.5e-3, filter_radius=7e-3, levels=1, curve_steps=2, pressure=5e3,
     **DESIGN_ALONE,
 )  # fmt: skip

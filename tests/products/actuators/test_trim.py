@@ -13,7 +13,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.design.loop.miss import worst_figure
 from toros_fem.measures.figures import Tolerances
 from toros_fem.products.actuators.pressure import worst_of_print
-from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.tubes import BendScene
 
 SCENE = BendScene.of(
     angle=50.0, length=0.08, edge_length=4.5e-3, filter_radius=7e-3, pressure=10e3, **DESIGN_ALONE

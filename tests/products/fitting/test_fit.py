@@ -6,15 +6,10 @@ from helpers.tensile_tests import C1, C2, JERSEY, TRUE, synthetic
 
 from toros_fem import fit_material
 from toros_fem.materials.sheet import Threads
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.fit import library_entry
 from toros_fem.products.fitting.samples import TensileTest
-from toros_fem.products.fitting.uniaxial import (
-    Coefficients,
-    lame,
-    lateral_strain,
-    pulling_stress,
-)
-from toros_fem.products.options import FitOptions
+from toros_fem.products.fitting.uniaxial import Coefficients, lame, lateral_strain, pulling_stress
 
 FEW = FitOptions(draws=40)
 

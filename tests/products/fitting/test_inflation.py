@@ -19,9 +19,9 @@ from toros_fem.products.fitting.inflation import (
     read_inflation,
     write_inflation,
 )
+from toros_fem.products.inflate import METRICS, InflateScene
 from toros_fem.products.tiles.tile import TileScene
-from toros_fem.products.tubes.inflate import METRICS, InflateScene
-from toros_fem.products.tubes.twist import TwistScene
+from toros_fem.products.tubes import TwistScene
 
 TRUE = {
     "fabric_young": 0.12e6, "along_over_around": 1.25, "c1": 1.8, "c2": 2.4, "poisson": 0.3,

@@ -8,10 +8,10 @@ from helpers.tensile_tests import C1, JERSEY, uniaxial_curve
 from toros_fem import fit_material, read_tensile_tests
 from toros_fem.base.errors import FileError
 from toros_fem.materials.sheet import Material
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.fit import FitResult, library_entry
 from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.samples import TensileTest
-from toros_fem.products.options import FitOptions
 
 NOISES = (0.0, 0.002, 0.01)
 

@@ -7,11 +7,11 @@ from toros_fem import fit_material
 from toros_fem.cli.commands.materials import material_details
 from toros_fem.cli.scene_files import numbers_of
 from toros_fem.materials.sheet import Bladder
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.fit import fit_table, library_entry
 from toros_fem.products.fitting.samples import TensileTest
 from toros_fem.products.fitting.uniaxial import rubber_stress
-from toros_fem.products.options import FitOptions
-from toros_fem.products.tubes.inflate import InflateScene
+from toros_fem.products.inflate import InflateScene
 
 YOUNG, SECOND, THIRD, THICKNESS = 0.2e6, 6e3, 0.4e3, 0.5e-3
 TRUE = {"young": YOUNG, "second": SECOND, "third": THIRD}

@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 
 from toros_fem import fit_material
 from toros_fem.base.errors import FileError
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.samples import TensileTest, correlation
-from toros_fem.products.options import FitOptions
 
 
 def cycles(noise: float = 0.0) -> TensileTest:

@@ -18,11 +18,11 @@ from helpers.tiles import (
 
 from toros_fem.base.errors import NoEquilibriumError, PatternError
 from toros_fem.materials.sheet import Composite
-from toros_fem.meshes.makers.tile import Tile
+from toros_fem.meshes.tiles import Tile
 from toros_fem.products.tiles.plots import full_circle
-from toros_fem.products.tiles.printability import island_areas
 from toros_fem.products.tiles.problem import (
     directions,
+    island_areas,
     measure_print,
     merged,
     simulated_print,

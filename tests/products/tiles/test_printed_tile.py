@@ -11,7 +11,7 @@ from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.base.archive import read_archive, write_archive
+from toros_fem.base.files import read_archive, write_archive
 from toros_fem.products.tiles.report import (
     NAME,
     PrintedTile,

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Page
 from mpi4py import MPI
 
 from toros_fem.design.lines.field import LineField
-from toros_fem.making.print.printability import PrintLimits, printability
+from toros_fem.making.printability import PrintLimits, printability
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
 from toros_fem.meshes import Pattern, Surface, cylinder, unwrap
 from toros_fem.results.pictures import flat

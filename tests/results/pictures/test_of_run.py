@@ -8,7 +8,7 @@ from helpers.runs import change_summary, regions_of
 from PIL import Image
 
 from toros_fem.base.errors import FileError
-from toros_fem.making.print.printability import PrintLimits, write_print_polygons
+from toros_fem.making.printability import PrintLimits, write_print_polygons
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.of_run import _Pictures, draw_run, facts_of, sentence

@@ -5,7 +5,7 @@ import pytest
 import shapely
 from helpers.runs import bent, regions_of
 
-from toros_fem.making.print.printability import printed_fractions
+from toros_fem.making.printability import printed_fractions
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.raster import (

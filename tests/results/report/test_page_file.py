@@ -16,13 +16,13 @@ import shapely
 from helpers.runs import STRIPE, bent, change_summary, regions_of, tube
 
 from toros_fem.base.errors import FileError, MissingPackageError, OutputError
-from toros_fem.making.print.printability import printed_cells
+from toros_fem.making.printability import printed_cells
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern, twist
-from toros_fem.meshes.surfaces.flatten import triangle_stretches
+from toros_fem.meshes.unwrapped import triangle_stretches
 from toros_fem.products.actuators.result import SkinDesign
+from toros_fem.products.inflate import InflationResult
 from toros_fem.products.tiles.report import TileRun
-from toros_fem.products.tubes.inflate import InflationResult
 from toros_fem.results.report import page_file
 from toros_fem.results.report.page_file import (
     FlatPatterns,

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import CheckpointError, OutputError, RunStoppedError
 from toros_fem.design.loop.options import Iteration
-from toros_fem.products.tubes import twist
+from toros_fem.products import tubes
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.open_run import FREE, open_run
 
@@ -134,7 +134,7 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:
 
 def test_lines_from_a_random_start(alone: MPI.Comm, tmp_path: Path) -> None:
     """Inside a stage of the relaxed design, and after a print, which is not simulated again."""
-    config = twist.TwistScene.of(
+    config = tubes.TwistScene.of(
         start="relaxed",
         length=0.06,
         relaxed_edge_length=8e-3,

@@ -12,7 +12,6 @@ import shapely
 from helpers.scenes import shared, square
 from mpi4py import MPI
 
-from toros_fem.base.archive import Archive
 from toros_fem.base.errors import (
     CheckpointError,
     FileError,
@@ -20,15 +19,9 @@ from toros_fem.base.errors import (
     ParameterError,
     RunStoppedError,
 )
-from toros_fem.base.files import (
-    UNFINISHED,
-    guarded,
-    if_possible,
-    replace_file,
-    write_json,
-)
-from toros_fem.making.sheets.manifest import FORMAT, NAME
-from toros_fem.making.sheets.write import write_manufacture
+from toros_fem.base.files import UNFINISHED, Archive, guarded, if_possible, replace_file, write_json
+from toros_fem.making.machine_files import write_manufacture
+from toros_fem.making.manifest import FORMAT, NAME
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.open_run import (
     FREE,

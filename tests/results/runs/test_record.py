@@ -10,10 +10,9 @@ from mpi4py import MPI
 
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
-from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
-from toros_fem.measures.gap import Body, GapObjective
-from toros_fem.measures.miss import compared_axes, is_aligned
+from toros_fem.measures.miss import AlignedObjective, MirroredObjective, compared_axes, is_aligned
+from toros_fem.measures.regions import Body, GapObjective
 from toros_fem.measures.shape import Nodes, ShapeObjective, SumObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin, bend, cylinder, mirrored, sew

@@ -16,11 +16,7 @@ from toros_fem.base.keys import Count, File, Flag, Text, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command import Answer, Command
 from toros_fem.cli.commands.doctor import memory_gib
-from toros_fem.cli.process import (
-    DONE,
-    NO_EQUILIBRIUM,
-    UsageError,
-)
+from toros_fem.cli.process import DONE, NO_EQUILIBRIUM, UsageError
 from toros_fem.measures.figures import formatted
 from toros_fem.mechanics.readings.bare_tube import tube_pressure, tube_strains
 from toros_fem.products.kinds import ABOUT
@@ -28,7 +24,7 @@ from toros_fem.products.kinds import ABOUT
 if TYPE_CHECKING:
     from toros_fem.cli.scene_files import SceneFile
     from toros_fem.products.actuators.cost import Cost
-    from toros_fem.products.plausibility import Inflated
+    from toros_fem.products.common.plausibility import Inflated
 
 log = logging.getLogger(__name__)
 
@@ -133,8 +129,8 @@ class RunCommand(SceneCommand, Progress, kw_only=True):
         scene = super().scene(comm)
         if not self.metric:
             return scene
-        from toros_fem.products.own_mesh.metrics import MetricTable
-        from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
+        from toros_fem.products.own_mesh import OwnMeshScene
+        from toros_fem.products.own_metrics import MetricTable
 
         if not isinstance(scene.config, OwnMeshScene):
             raise UsageError(
@@ -194,7 +190,7 @@ class Check(SceneCommand, kw_only=True):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Read the scene, and find its cost (collective)."""
-        from toros_fem.products.plausibility import doubts
+        from toros_fem.products.common.plausibility import doubts
 
         scene = self.scene(comm)
         figures: dict[str, Any] = {
@@ -230,7 +226,7 @@ class Check(SceneCommand, kw_only=True):
 
 def _write_template(comm: MPI.Comm, scene: Any, path: Path) -> None:
     """Write the panels of an actuator, to draw a print in (collective)."""
-    from toros_fem.making.panels.drawing import write_template
+    from toros_fem.making.drawing import write_template
     from toros_fem.products.actuators.scene import ActuatorScene
 
     if not isinstance(scene, ActuatorScene):
@@ -316,7 +312,7 @@ class Design(RunCommand, kw_only=True):
 
     def _finally(self, comm: MPI.Comm, scene: SceneFile) -> SceneFile:
         """Return the final variant of a scene, and tell its cost (collective)."""
-        from toros_fem.base.units import duration
+        from toros_fem.base.keys import duration
         from toros_fem.products.actuators.cost import expected_time
         from toros_fem.products.actuators.scene import ActuatorScene
         from toros_fem.results.reporter import print_line

@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import Flag, key
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.versions import versions
+from toros_fem.base.packages import versions
 from toros_fem.cli.command import Answer, Command
 from toros_fem.cli.process import MISSING, lacking, lacking_to_compile
 
@@ -109,7 +109,7 @@ def _solve(comm: MPI.Comm) -> dict[str, Any]:
     from toros_fem.materials.sheet import Composite
     from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
     from toros_fem.mechanics.skin.supports import clamp
-    from toros_fem.meshes.makers.sheets import cylinder
+    from toros_fem.meshes.sheets import cylinder
     from toros_fem.meshes.skin import sew
 
     begin = time.perf_counter()

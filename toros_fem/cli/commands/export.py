@@ -88,31 +88,31 @@ class Export(Command, ManufactureOptions, kw_only=True):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Write the files (collective)."""
-        from toros_fem.making.panels.panel_drawing import write_svg
-        from toros_fem.making.print.printability import (
+        from toros_fem.making.machine_files import FOLDER, made_as, write_manufacture
+        from toros_fem.making.manifest import NAME as MANIFEST
+        from toros_fem.making.manifest import PAGE
+        from toros_fem.making.panel_drawing import write_svg
+        from toros_fem.making.printability import (
             PRINT,
             printability,
             printed_cells,
             read_print_polygons,
             write_print_polygons,
         )
-        from toros_fem.making.sheets.manifest import NAME as MANIFEST
-        from toros_fem.making.sheets.manifest import PAGE
-        from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture
-        from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
+        from toros_fem.meshes.files import PATTERN_FILE, read_pattern, write_pattern
         from toros_fem.results.runs.stored_run import read_content
 
         stored = read_print_polygons(comm, self.run)
         run = self.run.parent if self.run.suffix == ".npz" else self.run
         summary = on_first_rank(comm, lambda: read_content(run))
         # A part of a symmetric skin is simulated; its triangles are the first of the whole.
-        there = on_first_rank(comm, (run / NAME).is_file)
-        part = read_pattern(comm, run / NAME) if there else stored.pattern
+        there = on_first_rank(comm, (run / PATTERN_FILE).is_file)
+        part = read_pattern(comm, run / PATTERN_FILE) if there else stored.pattern
         options = self.updating(made_as(summary))
         if not summary and "layer_height" not in vars(self)["given"] and comm.rank == 0:
             log.warning(UNKNOWN_HEIGHT, run, 1e3 * options.layer_height)
         output = self.output or run / FOLDER
-        drawings = ["pattern.svg", NAME, PRINT, "pattern.png"]
+        drawings = ["pattern.svg", PATTERN_FILE, PRINT, "pattern.png"]
         made = printability(stored.pattern, stored.regions, stored.limits)
 
         def write() -> dict[str, Any]:
@@ -121,7 +121,7 @@ class Export(Command, ManufactureOptions, kw_only=True):
                 summary=summary, title=run.resolve().name, others=drawings,
             )  # fmt: skip
             printed = printed_cells(stored.pattern, stored.regions)
-            write_pattern(output / NAME, part, printed[: len(part.panel)])
+            write_pattern(output / PATTERN_FILE, part, printed[: len(part.panel)])
             write_print_polygons(output / PRINT, stored.pattern, stored.regions, stored.limits)
             write_svg(output / "pattern.svg", stored.pattern, stored.regions)
 

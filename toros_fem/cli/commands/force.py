@@ -12,7 +12,7 @@ from toros_fem.base.files import require_unused
 from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command import Answer, Command
-from toros_fem.products.options import ForceOptions
+from toros_fem.products.common.options import ForceOptions
 
 
 class Force(Command, ForceOptions, kw_only=True):
@@ -42,7 +42,7 @@ class Force(Command, ForceOptions, kw_only=True):
         """Simulate the blocked end, and write its forces (collective)."""
         from toros_fem.cli.commands.tolerance import scene_of_run
         from toros_fem.meshes.triangles import triangle_limit
-        from toros_fem.products.force.force import (
+        from toros_fem.products.force import (
             FILES,
             forces_of_run,
             sentence_of,

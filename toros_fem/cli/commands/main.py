@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from toros_fem.base.errors import OutputError, RunStoppedError, TorosError
-from toros_fem.base.versions import __version__
+from toros_fem.base.packages import __version__
 from toros_fem.cli.process import (
     DONE,
     INTERNAL,

@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from mpi4py import MPI
 
 from toros_fem.base.files import require_unused
-from toros_fem.base.keys import File, Flag, Length, OneOf, Table, Text, key
+from toros_fem.base.keys import File, Flag, Length, OneOf, Table, Text, key, write_quantity
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.units import write_quantity
 from toros_fem.cli.command import Answer, Command
 from toros_fem.cli.process import UsageError
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.materials.library.material import MATERIAL_KINDS, LibraryMaterial
-from toros_fem.products.options import FitOptions
+from toros_fem.products.common.options import FitOptions
 
 if TYPE_CHECKING:
     from toros_fem.products.fitting.fit import FitResult

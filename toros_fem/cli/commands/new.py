@@ -14,7 +14,7 @@ from mpi4py import MPI
 from toros_fem.base.files import naming, replace_file
 from toros_fem.base.keys import File, Flag, OneOf, Text, key
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.program import program
+from toros_fem.base.packages import program
 from toros_fem.cli.command import Answer, Command
 from toros_fem.cli.process import UsageError
 from toros_fem.cli.scene_files import KIND_OF, names_of, scene_schema, scene_text, short_scene_text

@@ -13,7 +13,7 @@ from toros_fem.base.files import require_unused
 from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command import Answer, Command
-from toros_fem.products.options import ToleranceConfig
+from toros_fem.products.common.options import ToleranceConfig
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import ActuatorScene
@@ -47,7 +47,7 @@ class Tolerance(Command, ToleranceConfig, kw_only=True):
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Simulate the variants, and write them (collective)."""
         from toros_fem.meshes.triangles import triangle_limit
-        from toros_fem.products.tolerance.of_run import FILES, tolerances_of_run, write_tolerances
+        from toros_fem.products.tolerance_of_run import FILES, tolerances_of_run, write_tolerances
 
         output = self.output or self.run
         if self.output is not None:
@@ -70,7 +70,7 @@ def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[s
     from toros_fem.cli.scene_files import read_scene
     from toros_fem.products.actuators.scene import ActuatorScene
     from toros_fem.products.kinds import KINDS
-    from toros_fem.products.tolerance.of_run import finished_summary
+    from toros_fem.products.tolerance_of_run import finished_summary
     from toros_fem.results.runs.stored_run import SCENE
 
     folder = Path(run)

@@ -13,7 +13,7 @@ from toros_fem.base.files import guarded, if_plotting, require_unused, write_jso
 from toros_fem.base.keys import File, Flag, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command import Answer, Command
-from toros_fem.products.tables.unwrapping import Unwrapping
+from toros_fem.products.common.options import Unwrapping
 
 FILES = ("pattern.npz", "pattern.svg", "unwrap.png", "surface.vtu", "summary.json")
 
@@ -46,8 +46,8 @@ class Unwrap(Command, Unwrapping, kw_only=True):
         """Unwrap the surface; write pattern, drawing, picture and fields (collective)."""
         import shapely
 
-        from toros_fem.making.panels.panel_drawing import write_svg
-        from toros_fem.meshes.pattern_file import NAME, write_pattern
+        from toros_fem.making.panel_drawing import write_svg
+        from toros_fem.meshes.files import PATTERN_FILE, write_pattern
         from toros_fem.results.runs.open_run import require_open
         from toros_fem.results.writer import write_fields
 
@@ -82,7 +82,7 @@ class Unwrap(Command, Unwrapping, kw_only=True):
             require_open(output)
             if self.verbose:
                 print(distortion.table())
-            write_pattern(output / NAME, pattern)
+            write_pattern(output / PATTERN_FILE, pattern)
             empty = [shapely.Polygon()] * len(unwrapped.methods)
             write_svg(output / "pattern.svg", pattern, empty)
             if_plotting(draw)
@@ -99,6 +99,6 @@ class Unwrap(Command, Unwrapping, kw_only=True):
             f"{summary['triangles']} triangles, {1e3 * summary['size_m']:.4g} mm across (repairs: "
             f"{surface.repairs}), in {len(pattern.panel_names)} panels: stretch "
             f"{distortion.worst_stretch:.2%} at most, {distortion.mean_stretch:.2%} in the mean, "
-            f"lengths at a seam within {distortion.worst_seam:.2%}; see {output / NAME}"
+            f"lengths at a seam within {distortion.worst_seam:.2%}; see {output / PATTERN_FILE}"
         )
-        return Answer(text, {"pattern": output / NAME, **summary})
+        return Answer(text, {"pattern": output / PATTERN_FILE, **summary})

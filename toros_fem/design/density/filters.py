@@ -13,13 +13,18 @@ from dolfinx.fem.petsc import assemble_matrix
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
-from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.compiled_forms import compiled
 from toros_fem.base.errors import ParameterError, TorosWarning
+from toros_fem.base.fenicsx import compiled
 from toros_fem.base.mpi import gather_by_index, warn_together
-from toros_fem.base.validation import checked_floats, require_choice, require_kind, require_positive
-from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.base.validation import (
+    Floats,
+    Ints,
+    checked_floats,
+    require_choice,
+    require_kind,
+    require_positive,
+)
+from toros_fem.meshes.pattern import Mirrored, Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.triangles import equilateral_edge
 

@@ -15,11 +15,10 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Area, In, Length, Positive, Table, key
 from toros_fem.base.mpi import sum_over_ranks, total
-from toros_fem.base.validation import require_between, require_choice
+from toros_fem.base.validation import Bools, Floats, require_between, require_choice
 from toros_fem.design.density.filters import Filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.meshes.skin import Skin

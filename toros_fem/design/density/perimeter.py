@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import quad
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot
-from toros_fem.base.validation import require_finite, require_flag, require_kind, require_positive
+from toros_fem.base.validation import (
+    Floats,
+    require_finite,
+    require_flag,
+    require_kind,
+    require_positive,
+)
 from toros_fem.design.density.filters import Neighbourhood, Pairs, neighbour_matrices
-from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.pattern import Mirrored
 from toros_fem.meshes.skin import Skin
 
 # Steep enough for an erosion, of the fabric: it removes more islands than the paper's 0.5.

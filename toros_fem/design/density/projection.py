@@ -6,8 +6,8 @@ from typing import Annotated
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.keys import In, Table, key
+from toros_fem.base.validation import Floats
 
 Steepness = Annotated[float, In(above=0, at_most=300)]
 # At 0 everything would be printed, at 1 nothing.

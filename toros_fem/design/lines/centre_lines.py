@@ -11,7 +11,7 @@ from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 from scipy.sparse.linalg import SuperLU
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.design.lines.field import Complexes, LineMesh, coordinates
 from toros_fem.meshes.triangles import following, gradients, linked, spd_factor
 

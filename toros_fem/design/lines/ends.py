@@ -18,7 +18,7 @@ from toros_fem.design.lines.centre_lines import (
     LinesOfFamily,
 )
 from toros_fem.design.lines.field import Complexes, LineMesh
-from toros_fem.meshes.mirror import plane_border
+from toros_fem.meshes.pattern import plane_border
 
 # Ways to lead an end on: the angle to the family's direction in degrees, and how much longer than
 # the straight one such a way counts.

@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Area, Fraction, In, Length, Table, key
-from toros_fem.base.validation import checked_floats, require_kind
+from toros_fem.base.validation import Bools, Floats, Ints, checked_floats, require_kind
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import (
     Edges,

@@ -12,9 +12,9 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.rounding import rounded
+from toros_fem.base.mpi import rounded
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.design.lines.centre_lines import (
     BORDER,
     LINE,
@@ -25,9 +25,8 @@ from toros_fem.design.lines.centre_lines import (
 )
 from toros_fem.design.lines.ends import touches
 from toros_fem.design.lines.field import Complexes, LineMesh, LineOptions, coordinates
-from toros_fem.meshes.mirror import plane_border
 from toros_fem.meshes.panels import cut_by_triangles
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, plane_border
 from toros_fem.meshes.transfer import scaled_points
 from toros_fem.meshes.triangles import following, gradients, half_edges, linked, spd_factor
 

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import checked_axes, require_kind
+from toros_fem.base.validation import Bools, Floats, Ints, checked_axes, require_kind
 from toros_fem.design.lines.centre_lines import (
     CentreLine,
     LinesOfFamily,
@@ -34,8 +33,7 @@ from toros_fem.design.lines.field import (
     make_line_mesh,
 )
 from toros_fem.design.lines.laid_lines import LaidLines, kept_width, with_regions
-from toros_fem.meshes.mirror import mirrored, plane_border
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, mirrored, plane_border
 from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import equilateral_edge, half_edges
 

@@ -11,11 +11,11 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.design.loop.physics import Bounds, Pressure
 from toros_fem.materials.sheet import Composite
-from toros_fem.measures.alignment import MirroredObjective
 from toros_fem.measures.metrics import Metric, distance
+from toros_fem.measures.miss import MirroredObjective
 from toros_fem.measures.shape import (
     Nodes,
     Objective,
@@ -30,12 +30,12 @@ from toros_fem.mechanics.skin.dead_loads import carried_force
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.loads import Weight
 from toros_fem.meshes.border_mesh import bordered
-from toros_fem.meshes.mirror import Mirrored, mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Mirrored, Pattern, mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.transfer import OtherMesh, make_transfer, refine
 
 if TYPE_CHECKING:
+    from toros_fem.design.loop.blocked import Blocked
     from toros_fem.mechanics.contact.contact import Contact
 
 # Weight of ln p in T: one per cent of the pressure is worth as much as a change of the miss from
@@ -79,6 +79,8 @@ class Case:
         force: Dead forces in N on all assembled vertices, (n, 3).
         quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
             is in the lines of a print; None where none is.
+        blocked: Of a further pose: a panel that is held, and whose push is the goal in the place of
+            target, parts and metrics; None without one.
         poses: Further poses of the same skin and print: cases on the same pattern with pressures,
             loads, supports and targets of their own. Pressures of poses are prescribed. The shape
             part of T is the mean over all poses, weighted by `importance`.
@@ -106,6 +108,7 @@ class Case:
     contact: Contact | None = None
     force: Floats | None = None
     quadratic: Bools | None = None
+    blocked: Blocked | None = None
     poses: Sequence[Case] = ()
     importance: float = 1.0
     name: str | None = None
@@ -148,11 +151,23 @@ class Case:
         length = 1e3 * float(np.ptp(self.whole.pattern.points, axis=0).max())
         return (Metric("distance", "mm", 0.0, measure, length),)
 
+    @property
+    def asks(self) -> Floats:
+        """What is asked for: `goal`, or the force in N of a blocked panel, ()."""
+        return self.goal if self.blocked is None else np.array(self.blocked.force)
+
+    def asking(self, goal: Floats) -> Case:
+        """Return the same pose with another goal, as of `asks`."""
+        if self.blocked is None:
+            return replace(self, target=goal)
+        return replace(self, blocked=replace(self.blocked, force=float(goal)))
+
     def differs_in_pressure_alone(self, other: Case) -> bool:
         """Return whether another pose is on the same path over the pressure: but for its target."""
         force, supports = self._acting, self.supports
         return (
-            np.array_equal(force, other._acting)
+            other.blocked is None
+            and np.array_equal(force, other._acting)
             and np.array_equal(supports.fixed, other.supports.fixed)
             and supports.displacement is other.supports.displacement
             and (self.weight, self.contact) == (other.weight, other.contact)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, together, total
-from toros_fem.base.validation import checked_floats, require_count
+from toros_fem.base.validation import Bools, Floats, checked_floats, require_count
 from toros_fem.design.density.filters import Filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.options import Iteration

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.archive import Archive
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError, NoEquilibriumError
-from toros_fem.base.versions import __version__
+from toros_fem.base.files import Archive
+from toros_fem.base.packages import __version__
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.steps import by_cell
 

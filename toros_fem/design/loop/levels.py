@@ -11,10 +11,9 @@ from typing import TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import free_dropped, on_first_rank, raise_together, together
-from toros_fem.base.validation import require_count, require_kind
+from toros_fem.base.validation import Floats, require_count, require_kind
 from toros_fem.design.loop.fields import CarriedDesign
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import SETUP, Callback, DesignResult, optimize

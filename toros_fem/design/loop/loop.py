@@ -12,12 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem.base.archive import Archive
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import largest, norm, on_first_rank, total
-from toros_fem.base.rounding import rounded
-from toros_fem.base.validation import require_callable, require_count, require_kind
+from toros_fem.base.files import Archive
+from toros_fem.base.mpi import largest, norm, on_first_rank, rounded, total
+from toros_fem.base.validation import Floats, require_callable, require_count, require_kind
 from toros_fem.design.loop.fields import CarriedDesign, InitialDensity, initial_density
 from toros_fem.design.loop.journal import (
     KIND,

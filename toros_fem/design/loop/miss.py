@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
@@ -18,8 +18,7 @@ from toros_fem.measures.figures import DEFAULT, TOLERANCE, Tolerances, largest_p
 from toros_fem.measures.metrics import MetricFunction
 from toros_fem.measures.miss import compared_axes, is_aligned, miss_of, placed_on, shape_figures
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.meshes.mirror import mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, mirrored
 from toros_fem.meshes.transfer import make_transfer
 
 # Angle in rad that the direction of a body's tip may be off.

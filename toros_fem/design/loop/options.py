@@ -9,9 +9,9 @@ from typing import Annotated
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, Factor, Flag, Fraction, In, Number, Positive, Table, key
+from toros_fem.base.validation import Floats
 from toros_fem.design.mma.optimizer import MMAOptions
 
 # What a stage may end below: smaller numbers are rounding.

@@ -9,12 +9,10 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot
-from toros_fem.base.validation import is_number, require_between, require_positive, shown
-from toros_fem.measures.motion import motion_along
-from toros_fem.measures.shape import Objective
+from toros_fem.base.validation import Floats, is_number, require_between, require_positive, shown
+from toros_fem.measures.shape import Objective, motion_along
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load

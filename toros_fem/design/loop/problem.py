@@ -13,12 +13,12 @@ from typing import Any, Generic, Protocol, Self
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.physics import Physics, Pressure, R, Residuals
 from toros_fem.measures.metrics import Metric, check_metrics
-from toros_fem.meshes.mirror import Mirrored, mirrored
+from toros_fem.meshes.pattern import Mirrored, mirrored
 from toros_fem.meshes.skin import Skin
 
 

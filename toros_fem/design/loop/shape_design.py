@@ -10,10 +10,11 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     NAMES,
+    Floats,
+    Ints,
     checked_axes,
     checked_floats,
     checked_list,
@@ -292,9 +293,12 @@ class ShapeDesign(ShapeProblem):
             pressure_weight=case.pressure_weight,
             importance=case.importance,
         )
-        _require_poses(case)
+        if among is None:
+            _require_poses(case)
         self.poses = [
-            ShapeDesign(comm, pose, r.plain, options=options, log=log, among=self)
+            (pose.blocked.design if pose.blocked is not None else ShapeDesign)(
+                comm, pose, r.plain, options=options, log=log, among=self
+            )
             for pose in poses_of(case)
         ]
         self._of_case = self.objective, self.metrics
@@ -402,7 +406,8 @@ def poses_of(case: Case) -> list[Case]:
     made = []
     for number, pose in enumerate(case.poses, 2):
         name = pose.name or f"pose_{number}"
-        metrics = [replace(metric, name=f"{name}_{metric.name}") for metric in pose.judged]
+        judged = pose.judged if pose.blocked is None else ()
+        metrics = [replace(metric, name=f"{name}_{metric.name}") for metric in judged]
         made.append(
             replace(
                 pose,
@@ -423,6 +428,8 @@ def _require_poses(case: Case) -> None:
     require_positive(importance=case.importance)
     if len(poses) < len(case.poses):
         raise ParameterError(f"poses = {shown(case.poses)} must be a list of Cases.")
+    if case.blocked is not None:
+        raise ParameterError("blocked is given to the first pose; give it to one of `poses`.")
     for pose in poses:
         if pose.poses:
             raise ParameterError("a pose has poses of its own: give all of them to the first case.")

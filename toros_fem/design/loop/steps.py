@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem.base.archive import Archive
-from toros_fem.base.array_types import Floats
+from toros_fem.base.files import Archive
 from toros_fem.base.mpi import largest
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
 from toros_fem.design.mma.optimizer import MMA, Functions, MMAState

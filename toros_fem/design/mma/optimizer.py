@@ -9,12 +9,11 @@ from typing import Annotated
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Fraction, In, Positive, Table, key
-from toros_fem.base.mpi import largest, require_comm, together, total
-from toros_fem.base.rounding import rounded
+from toros_fem.base.mpi import largest, require_comm, rounded, together, total
 from toros_fem.base.validation import (
+    Floats,
     checked_floats,
     real_numbers,
     require_count,

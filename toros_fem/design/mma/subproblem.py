@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.mpi import sum_over_ranks
+from toros_fem.base.validation import Bools, Floats
 
 BLOCK = 16384  # variables at a time, so that the work arrays fit into the cache
 TINY = float(np.finfo(np.float64).tiny)

@@ -8,11 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, Length, Positive, Table, key
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.validation import require_count, require_kind
+from toros_fem.base.validation import Floats, Ints, require_count, require_kind
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.fields import CarriedDesign
 from toros_fem.design.loop.journal import Journal

@@ -14,11 +14,10 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array, eye_array, kron, sparray
 from scipy.sparse.linalg import splu
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import In, Table, key
 from toros_fem.base.mpi import dot, together, total
-from toros_fem.base.validation import require_between, require_count
+from toros_fem.base.validation import Bools, Floats, Ints, require_between, require_count
 from toros_fem.design.density.filters import Linear, Map
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.fields import Fields

@@ -16,7 +16,7 @@ from toros_fem.base.errors import FileError
 from toros_fem.base.files import naming, replace_file
 from toros_fem.base.keys import given_of, nearest, typed
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.toml_file import Document, key_lines, read_text
+from toros_fem.base.scene import Document, key_lines, read_text
 from toros_fem.base.validation import checked_path, require_kind
 from toros_fem.materials.library.material import LibraryMaterial
 

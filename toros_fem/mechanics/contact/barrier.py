@@ -10,7 +10,7 @@ from typing import Any, override
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.mechanics.contact.bodies import (
     FreeBodies,
     Ground,

@@ -22,18 +22,19 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array, csr_array, hstack
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError, SurfaceError
 from toros_fem.base.packages import required
 from toros_fem.base.validation import (
+    Floats,
+    Ints,
     checked_floats,
     checked_names,
     require_flag,
     unit_vector,
     whole_numbers,
 )
-from toros_fem.measures.rotation import axial
-from toros_fem.meshes.surfaces.surface import Surface, holes, volume
+from toros_fem.measures.shape import axial
+from toros_fem.meshes.surface import Surface, holes, volume
 from toros_fem.meshes.triangles import corner_angles, normals, skew, surface_areas
 
 # Faces around a vertex whose normals spread by less than this, in rad, count as one plane.

@@ -9,10 +9,13 @@ from typing import TypeVar, override
 import numpy as np
 from scipy.sparse import block_array, block_diag, bsr_array, csc_matrix, csr_array, hstack, identity
 
-from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import OnFirst, largest, on_first_rank
 from toros_fem.base.validation import (
+    Bools,
+    Floats,
+    Ints,
+    LocalInts,
     checked_list,
     checked_names,
     require_flag,

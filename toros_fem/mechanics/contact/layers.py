@@ -11,8 +11,8 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.mechanics.contact.bodies import collision_mesh, ipctk, patches_apart
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import cross, dihedral_angles, following, normals

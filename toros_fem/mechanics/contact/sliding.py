@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.validation import checked_bools, require_positive, unit_vector
+from toros_fem.base.validation import Bools, Floats, checked_bools, require_positive, unit_vector
 from toros_fem.mechanics.contact.bodies import RigidBody, pose_curvature, pose_jacobian, rotation
 
 

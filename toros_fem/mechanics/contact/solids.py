@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.validation import checked_floats, require_positive, unit_vector
+from toros_fem.base.validation import Floats, Ints, checked_floats, require_positive, unit_vector
 from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.meshes.surfaces.files import read_surface
+from toros_fem.meshes.files import read_surface
 from toros_fem.meshes.triangles import (
     coincident,
     equilateral_edge,

@@ -24,10 +24,10 @@ from cffi import FFI, VerificationError
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix
 
-from toros_fem.base.array_types import Floats, LocalInts
-from toros_fem.base.compiled_forms import is_whole
 from toros_fem.base.errors import TorosError
+from toros_fem.base.fenicsx import is_whole
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.validation import Floats, LocalInts
 
 DECLARATIONS = """
 typedef struct toros_factor toros_factor;

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import dot, largest, norm
+from toros_fem.base.validation import Floats
 from toros_fem.mechanics.equilibrium.iteration import NewtonStep
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
 from toros_fem.mechanics.skin.load import Load

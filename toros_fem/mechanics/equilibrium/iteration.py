@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, largest, norm, smallest
+from toros_fem.base.validation import Floats
 from toros_fem.mechanics.equilibrium.linear_solver import PREFIX, ShiftLadder, TangentFactor
 from toros_fem.mechanics.terms.model import SkinModel
 

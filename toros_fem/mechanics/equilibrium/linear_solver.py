@@ -20,9 +20,9 @@ from scipy.linalg import lapack
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.mpi import raise_together, sum_over_ranks, together
+from toros_fem.base.validation import Bools, Floats, Ints, LocalInts
 from toros_fem.mechanics.equilibrium.cholmod import Cholmod, library
 from toros_fem.mechanics.terms.model import SkinModel
 from toros_fem.mechanics.terms.tangent import CONVEX, MATERIAL, STRAINS, Part, UpperTangent

@@ -11,11 +11,11 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.base.array_types import Floats
-from toros_fem.base.compat import option_used
 from toros_fem.base.errors import ParameterError, TorosWarning
+from toros_fem.base.fenicsx import option_used
 from toros_fem.base.keys import Count, Fraction, In, Table, key
 from toros_fem.base.mpi import warn_together
+from toros_fem.base.validation import Floats
 from toros_fem.mechanics.equilibrium.iteration import (
     COUPLED_ITERATIONS,
     COUPLED_LEFT,

@@ -10,10 +10,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import largest, norm, on_first_rank, together
-from toros_fem.base.validation import real_numbers
+from toros_fem.base.validation import Bools, Floats, real_numbers
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import (
     FOLDED,
@@ -31,8 +30,7 @@ from toros_fem.mechanics.equilibrium.newton import Attempt, Attempts, Newton
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.terms.model import SkinModel
-from toros_fem.meshes.mirror import FLAT
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import FLAT, Pattern
 from toros_fem.meshes.triangles import harmonic_extension
 
 # First increment where no pressure tells one, as a fraction of the load.

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError, TorosWarning
 from toros_fem.base.mpi import norm, on_first_rank, smallest, together, warn_together
-from toros_fem.base.validation import require_callable, require_flag, require_kind
+from toros_fem.base.validation import Bools, Floats, require_callable, require_flag, require_kind
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,

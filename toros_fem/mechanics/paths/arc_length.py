@@ -8,10 +8,10 @@ from typing import Annotated
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import In, Positive, Real, Table, key
 from toros_fem.base.mpi import dot, largest, norm
+from toros_fem.base.validation import Floats
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,

@@ -9,10 +9,9 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.validation import real_numbers, require_kind, shown, unit_vector
+from toros_fem.base.validation import Floats, real_numbers, require_kind, shown, unit_vector
 from toros_fem.mechanics.contact.contact import SkinContact
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

@@ -14,10 +14,12 @@ from dolfinx import la
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.compiled_forms import work_vector
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.fenicsx import work_vector
 from toros_fem.base.validation import (
+    Bools,
+    Floats,
+    Ints,
     checked_bools,
     checked_floats,
     require_callable,
@@ -26,6 +28,7 @@ from toros_fem.base.validation import (
     require_positive,
     vector,
 )
+from toros_fem.measures.shape import best_rotation
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
@@ -81,6 +84,19 @@ def wrench(
     return _resultant(pulls, positions[vertices] - point)
 
 
+def pose_of_panel(pattern: Pattern, panel: str, positions: Floats) -> Floats:
+    """Return the pose of a panel, (6,), whose rigid motion is nearest to what it has.
+
+    The pose is about the centre of its area; positions of all vertices, (n, 3), are in m.
+    """
+    vertices = vertices_of_panels(pattern, [panel])
+    rest, moved = pattern.points[vertices], positions[vertices]
+    turn = Rotation.from_matrix(best_rotation(rest, moved))
+    centre, middle = centre_of(pattern, [panel], pattern.points), rest.mean(axis=0)
+    shift = moved.mean(axis=0) + turn.apply(centre - middle) - centre
+    return np.concatenate([shift, turn.as_rotvec()])
+
+
 def panel_stiffness(
     solver: EquilibriumSolver,
     at: Equilibrium,
@@ -125,6 +141,49 @@ def panel_stiffness(
     # The arms turn with the panel.
     torques[:, :, 3:] += np.cross(modes[vertices, :, 3:], pulls[:, :, None], axis=1)
     return np.concatenate([forces.sum(axis=0), torques.sum(axis=0)])
+
+
+def wrench_sensitivity(
+    solver: EquilibriumSolver,
+    at: Equilibrium,
+    panels: Sequence[str],
+    by_wrench: Sequence[float] | Floats,
+    *,
+    free: Sequence[bool] = (False,) * 6,
+    about: Sequence[float] | Floats | None = None,
+) -> Floats:
+    """Return the derivative of `by_wrench` · `wrench` by the owned design (collective).
+
+    Pressures are held. Free components of the plate move so that their wrench stays what it is, as
+    in `solve_rigid`; their entries of `by_wrench` do not count. It takes a solve with the tangent,
+    and those of `panel_stiffness` where a component is free.
+
+    Args:
+        solver, at, panels, about: As of `wrench`.
+        by_wrench: Derivative by force in 1/N and by torque in 1/(N m), (6,).
+        free: As of `solve_rigid`.
+
+    Raises:
+        ParameterError: As of `panel_stiffness`.
+    """
+    require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
+    model, skin, loose = solver.model, solver.skin, np.asarray(free)
+    vertices = _held_vertices(solver, panels)
+    solver.tangent_at(at)
+    weights = np.where(loose, 0.0, by_wrench)
+    if loose.any():
+        stiffness = panel_stiffness(solver, at, panels, about)
+        pull = stiffness[np.ix_(~loose, loose)].T @ weights[~loose]
+        weights[loose] = -np.linalg.solve(stiffness[np.ix_(loose, loose)].T, pull)
+    positions = solver.positions(at)
+    arms = positions[vertices] - _point(skin.pattern, panels, positions, about)
+    ways = np.zeros_like(positions)
+    ways[vertices] = weights[:3] + np.cross(weights[3:], arms)
+    adjoint = np.zeros(model.size_local)
+    model.positions(adjoint)[:] = ways[skin.owned_vertices]
+    resisted = _Near(solver, vertices, at.state).product(adjoint[:, None])[:, 0]
+    adjoint -= solver.solve_tangent(resisted, at)
+    return model.density_sensitivity(at.state, adjoint)
 
 
 def solve_rigid(

@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import norm
 from toros_fem.base.validation import (
+    Floats,
     checked_floats,
     require_callable,
     require_choice,

@@ -9,9 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Floats, require_kind
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

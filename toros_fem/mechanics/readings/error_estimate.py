@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.measures.figures import split_key
 from toros_fem.meshes.triangles import EQUILATERAL
 

@@ -7,10 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import OnFirst, gather_by_index
-from toros_fem.base.validation import checked_floats, require_between, require_positive
+from toros_fem.base.validation import (
+    Bools,
+    Floats,
+    checked_floats,
+    require_between,
+    require_positive,
+)
 from toros_fem.measures.shape import Nodes, require_nodes
 from toros_fem.mechanics.contact.barrier import Barrier
 from toros_fem.mechanics.contact.bodies import FreeBodies

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Floats, Ints, require_kind
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.forms.membrane import barrier
 from toros_fem.materials.sheet import Composite

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     NAMES,
+    Bools,
+    Floats,
+    Ints,
     checked_list,
     checked_names,
     require_kind,

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import checked_floats, require_kind
-from toros_fem.meshes.moving import located
+from toros_fem.base.validation import Floats, checked_floats, require_kind
+from toros_fem.meshes.panels import located
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.surfaces.nearest import nearest
+from toros_fem.meshes.surface import nearest
 from toros_fem.meshes.transfer import OtherMesh
 
 # Largest distance of the place of a force from the skin, as a fraction of the skin's size.

@@ -8,10 +8,9 @@ from typing import Any, override
 import numpy as np
 from dolfinx import fem
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import together
-from toros_fem.base.validation import checked_floats
+from toros_fem.base.validation import Floats, checked_floats
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite

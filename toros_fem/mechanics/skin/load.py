@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, PatternError
-from toros_fem.base.validation import checked_floats, require_finite
+from toros_fem.base.validation import Floats, checked_floats, require_finite
 from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import surface_areas

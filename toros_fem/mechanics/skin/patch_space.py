@@ -12,10 +12,10 @@ import numpy.typing as npt
 from dolfinx import cpp, fem
 from mpi4py import MPI
 
-from toros_fem.base import compat
-from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base import fenicsx
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import gather_by_index
+from toros_fem.base.validation import Bools, Floats, Ints, LocalInts
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.skin import Skin, concatenated_index_map
 from toros_fem.meshes.triangles import edge_keys, opposite_edges
@@ -150,7 +150,7 @@ def make_patch(skin: Skin, flaps: LocalInts | None, unknowns: Sequence[Unknowns]
     return Patch(
         skin,
         unknowns,
-        space=compat.function_space(skin.mesh, element, dofmap, plain),
+        space=fenicsx.function_space(skin.mesh, element, dofmap, plain),
         position_dofs=numbers[0].reshape(-1, 3),
         numbers=first + np.arange(3 * nodes.size_local).reshape(-1, 3),
         dofs=dofs,
@@ -163,7 +163,7 @@ def blocks_of_first_rank(comm: MPI.Comm, count: int) -> Any:
     first = comm.rank == 0
     ghosts: npt.NDArray[np.int64] = np.arange(0 if first else count, dtype=np.int64)
     owners: LocalInts = np.zeros(len(ghosts), dtype=np.int32)
-    return compat.index_map(comm, count if first else 0, ghosts, owners)
+    return fenicsx.index_map(comm, count if first else 0, ghosts, owners)
 
 
 def pattern_edges(skin: Skin) -> tuple[Ints, int]:

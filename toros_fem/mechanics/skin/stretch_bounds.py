@@ -11,9 +11,9 @@ import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.compiled_forms import assembled
+from toros_fem.base.fenicsx import assembled
 from toros_fem.base.mpi import largest, smallest
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.forms.bubbles import POINTS, gradient_at
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.materials.sheet import Composite

@@ -11,10 +11,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     NAMES,
+    Bools,
+    Floats,
+    Ints,
     checked_bools,
     checked_floats,
     checked_list,
@@ -25,8 +27,7 @@ from toros_fem.base.validation import (
     vector,
     whole_numbers,
 )
-from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import FLAT, Pattern, mirrored, plane_border
 from toros_fem.meshes.triangles import edge_keys, following, half_edges, linked, opposite_edges
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from typing import Any, override
 import numpy as np
 from dolfinx import fem, la
 
-from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.mpi import sum_over_ranks, total
-from toros_fem.base.validation import checked_floats, require_between
+from toros_fem.base.validation import Floats, Ints, LocalInts, checked_floats, require_between
 from toros_fem.forms.jets import Jet, cross, dot
 from toros_fem.forms.kinematics import Triangle, flat_area, interpolate
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, find_lids, find_walls

@@ -10,11 +10,10 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.compiled_forms import SharedForms, assembled, work_vector
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.fenicsx import SharedForms, assembled, work_vector
 from toros_fem.base.mpi import dot, total
-from toros_fem.base.validation import require_callable, require_kind
+from toros_fem.base.validation import Bools, Floats, require_callable, require_kind
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.chambers import Chambers

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, override
 import numpy as np
 from dolfinx import fem
 
-from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.validation import Bools, Floats, Ints, LocalInts
 from toros_fem.mechanics.skin.load import UNSTRETCHED, Load
 from toros_fem.mechanics.skin.patch_space import (
     Patch,
@@ -23,7 +23,7 @@ from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
 if TYPE_CHECKING:  # who makes a tile has imported it
-    from toros_fem.meshes.makers.tile import Tile
+    from toros_fem.meshes.tiles import Tile
 
 # Components of F̄, rows n, t, z and columns n, t: a sheet that is pulled along n and free across.
 UNIAXIAL = ((True, False), (True, False), (True, True))

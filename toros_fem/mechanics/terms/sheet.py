@@ -11,9 +11,9 @@ import numpy as np
 from dolfinx import fem, la
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats, LocalInts
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import largest
+from toros_fem.base.validation import Bools, Floats, LocalInts
 from toros_fem.forms.bending import (
     EITHER,
     STEEP,
@@ -25,12 +25,7 @@ from toros_fem.forms.bending import (
 from toros_fem.forms.bubbles import Bubbles
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle
-from toros_fem.forms.lines import (
-    Family,
-    bending_of_lines,
-    shearing_energy,
-    stretching_energy,
-)
+from toros_fem.forms.lines import Family, bending_of_lines, shearing_energy, stretching_energy
 from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke, relaxed, yeoh
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit
 from toros_fem.mechanics.skin.designs import Densities, LineDesign

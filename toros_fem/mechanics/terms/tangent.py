@@ -9,8 +9,8 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix
 
-from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
-from toros_fem.base.compiled_forms import work_vector
+from toros_fem.base.fenicsx import work_vector
+from toros_fem.base.validation import Bools, Floats, Ints, LocalInts
 from toros_fem.mechanics.terms.model import SkinModel
 from toros_fem.mechanics.terms.periodic import Images
 

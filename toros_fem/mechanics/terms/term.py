@@ -9,8 +9,8 @@ from typing import Any, override
 import numpy as np
 from dolfinx import fem, la
 
-from toros_fem.base.array_types import Floats, Ints, LocalInts
-from toros_fem.base.compiled_forms import assembled
+from toros_fem.base.fenicsx import assembled
+from toros_fem.base.validation import Floats, Ints, LocalInts
 from toros_fem.forms.energy import EnergyTerm, SkinForms
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.designs import Densities

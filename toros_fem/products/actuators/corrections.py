@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import free_dropped, on_first_rank
-from toros_fem.base.rounding import rounded
-from toros_fem.base.validation import require_callable, require_count, require_kind
+from toros_fem.base.mpi import free_dropped, on_first_rank, rounded
+from toros_fem.base.validation import Floats, require_callable, require_count, require_kind
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
@@ -21,7 +19,7 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.mma.optimizer import MMAOptions
-from toros_fem.making.print.as_printed import PrintedDesign, as_printed, polished
+from toros_fem.making.as_printed import PrintedDesign, as_printed, polished
 from toros_fem.measures.cross_sections import Rod
 from toros_fem.measures.figures import DEFAULT, Tolerances
 from toros_fem.measures.miss import way_of_sections
@@ -104,7 +102,7 @@ def corrected(
     comm = result.problem.comm
     best, least = (result, printed), worst_of_print(printed, tolerances)
     assert isinstance(result.problem, ShapeDesign)
-    asked = [pose.case.goal for pose in (result.problem, *result.problem.poses)]
+    asked = [pose.case.asks for pose in (result.problem, *result.problem.poses)]
 
     def helps(attempt: DesignResult, target: list[Floats]) -> bool:
         nonlocal best, least, asked
@@ -146,8 +144,8 @@ def _again(
     every = zip((problem, *problem.poses), last.final.every, made.every, asked, strict=True)
     targets = [_target(*pose) for pose in every]
     cases = [
-        replace(case, target=target)
-        for case, target in zip((problem.case, *problem.case.poses), targets, strict=True)
+        pose.case.asking(target)
+        for pose, target in zip((problem, *problem.poses), targets, strict=True)
     ]
     bounds = [
         given and (max(given[0], (1 - SHARE) * at), min(given[1], (1 + SHARE) * at))
@@ -157,7 +155,7 @@ def _again(
     asking = problem.towards(replace(cases[0], poses=cases[1:])).changed(physics=physics)
     found = optimize(asking, options, callback=callback, after=last, journal=journal)
     shapes = [
-        pose.objective.forward(one.equilibrium.positions)
+        pose.objective.forward(pose.physics.observed(one.equilibrium))
         for pose, one in zip((problem, *problem.poses), found.final.every, strict=True)
     ]
     final = replace(found.final, shape=problem.mean(shapes))
@@ -171,6 +169,10 @@ def _target(
     asked: Floats,
 ) -> Floats:
     """Return what to ask of a pose for what its print missed, where the last target was `asked`."""
+    if problem.case.blocked is not None:
+        both = [one.problem.metrics_of(one.equilibrium) for one in (designed, printed)]
+        push, there = (next(iter(values.values())) for values in both)
+        return np.asarray(problem.case.asks + push - there + asked - push)
     mesh = make_transfer(printed.problem.skin.pattern, problem.skin.pattern)
     shape, own = (
         one.problem.skin.gather_vertices(one.equilibrium.positions) for one in (printed, designed)

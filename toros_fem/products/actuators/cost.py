@@ -15,7 +15,7 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.making.sheets.layout import placing_fault
+from toros_fem.making.layout import placing_fault
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.triangles import (
     expected_triangles,
@@ -23,7 +23,7 @@ from toros_fem.meshes.triangles import (
     require_affordable,
     require_fewer,
 )
-from toros_fem.products.plausibility import target_doubts
+from toros_fem.products.common.plausibility import target_doubts
 
 if TYPE_CHECKING:  # a scene checks its cost before it is designed
     from toros_fem.products.actuators.scene import DesignScene, Level

@@ -21,13 +21,12 @@ from toros_fem.design.loop.miss import shape_of
 from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign, ShapeProblem
-from toros_fem.making.print.as_printed import PrintedDesign, as_printed, patterns_without_islands
-from toros_fem.making.print.printability import PRINT, printed_fractions, read_print_polygons
-from toros_fem.making.print.regions import print_on
-from toros_fem.making.sheets.write import FOLDER, write_manufacture
+from toros_fem.making.as_printed import PrintedDesign, as_printed, patterns_without_islands
+from toros_fem.making.machine_files import FOLDER, write_manufacture
+from toros_fem.making.printability import PRINT, print_on, printed_fractions, read_print_polygons
 from toros_fem.measures.figures import State, largest_part, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.meshes.pattern_file import NAME as PATTERN
+from toros_fem.meshes.files import PATTERN_FILE
 from toros_fem.products.actuators.corrections import corrected
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
@@ -48,7 +47,7 @@ from toros_fem.products.actuators.pressure import (
     write_curve,
 )
 from toros_fem.products.actuators.result import SearchRecord, SkinDesign
-from toros_fem.products.plausibility import doubts, target_doubts, warn_of_doubts
+from toros_fem.products.common.plausibility import doubts, target_doubts, warn_of_doubts
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.open_run import run_of
@@ -511,7 +510,7 @@ class Designer(DensityDesigner):
         summary, place = found.summary(), folder / FOLDER
 
         def make() -> None:
-            copies = PATTERN, PRINT  # so that the folder holds what can be simulated again
+            copies = PATTERN_FILE, PRINT  # so that the folder holds what can be simulated again
             write_manufacture(
                 place, printed.pattern, printed.regions, summary=summary, others=copies
             )

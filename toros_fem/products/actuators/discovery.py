@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped, on_first_rank
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.laid_lines import LaidLines, changed
 from toros_fem.design.lines.lay_lines import lay_lines
@@ -24,7 +24,7 @@ from toros_fem.design.loop.levels import correct
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.miss import residuals_of, shape_of
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
-from toros_fem.making.print.as_printed import Shape
+from toros_fem.making.as_printed import Shape
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
 from toros_fem.meshes.pattern import Pattern

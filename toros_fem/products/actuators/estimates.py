@@ -12,18 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError, PatternError, TorosError
 from toros_fem.base.mpi import free_dropped
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import Floats, require_kind
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback
 from toros_fem.design.loop.miss import prefix_of, quantities_of, shape_of
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
-from toros_fem.making.print.as_printed import PrintedDesign, Shape, state_near
-from toros_fem.making.print.regions import case_of_print
+from toros_fem.making.as_printed import PrintedDesign, Shape, state_near
+from toros_fem.making.printability import case_of_print
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
@@ -409,5 +408,7 @@ def values_at(made: Evaluation[Equilibrium], keys: Sequence[str]) -> MeshValues:
     values: dict[str, float] = {}
     for one in made.every:
         assert isinstance(one.problem, ShapeDesign)
+        own = one.problem.metrics_of(one.equilibrium)
+        values |= {key: value for key, value in own.items() if key in keys}
         values |= values_of(*_shape(one), measures_of(one.problem, keys)).values
     return MeshValues(*_shape(made), values)

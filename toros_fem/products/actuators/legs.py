@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.keys import Count, Factor, key
+from toros_fem.base.validation import Floats, Ints
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections, section_vertices
 from toros_fem.measures.metrics import Metric, turn_angle
 from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.tables.loads import Orientation
+from toros_fem.products.common.tables import Orientation
 
 # Cross-sections by which the angle of a leg is measured, and how many are in its outer third.
 CROSS_SECTIONS, OUTER_CROSS_SECTIONS = 12, 4

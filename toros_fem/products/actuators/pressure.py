@@ -12,22 +12,21 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.files import guarded, write_table
 from toros_fem.base.mpi import largest
-from toros_fem.base.validation import require_between, require_kind
+from toros_fem.base.validation import Floats, require_between, require_kind
 from toros_fem.design.loop.miss import prefix_of, worst_figure
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
-from toros_fem.making.print.as_printed import PrintedDesign
-from toros_fem.measures.figures import DEFAULT, Tolerances
+from toros_fem.making.as_printed import PrintedDesign
+from toros_fem.measures.figures import DEFAULT, Tolerances, largest_part
 from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import follow_pressures
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
-from toros_fem.products.tables.loads import ResultTable
+from toros_fem.products.common.tables import ResultTable
 from toros_fem.results.runs.record import shown_skin, write_path
 from toros_fem.results.runs.stored_run import notes_at
 
@@ -129,12 +128,24 @@ def worst_of_print(printed: PrintedDesign, tolerances: Tolerances = DEFAULT) -> 
 
 def _worst(made: Evaluation[Equilibrium], tolerances: Tolerances) -> float:
     """Return the worst figure of all poses."""
-    return max(worst_figure(_problem(one), _shape(one), tolerances) for one in made.every)
+    return max(_worst_of_pose(one, tolerances) for one in made.every)
+
+
+def _worst_of_pose(made: Evaluation[Equilibrium], tolerances: Tolerances) -> float:
+    problem = _problem(made)
+    if problem.target is None:  # the goal is a force
+        values = problem.metrics_of(made.equilibrium)
+        return largest_part(
+            [m.figure(values[m.key], None, tolerances.figure) for m in problem.metrics]
+        )
+    return worst_figure(problem, _shape(made), tolerances)
 
 
 def _promised(made: Evaluation[Equilibrium], steps: Floats, tolerances: Tolerances) -> list[float]:
     """Return the worst figure of a pose where the logarithm of its pressures changes by steps."""
     problem, shape = _problem(made), _shape(made)
+    if problem.target is None:
+        return [_worst_of_pose(made, tolerances)] * len(steps)
     motion = _motion(problem, made.equilibrium)
     return [worst_figure(problem, shape + step * motion, tolerances) for step in steps]
 

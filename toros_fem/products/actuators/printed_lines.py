@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.validation import Floats
 from toros_fem.design.lines.laid_lines import (
     LaidLines,
     LineChange,
@@ -25,10 +25,10 @@ from toros_fem.design.lines.laid_lines import (
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.miss import Residuals
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.print.as_printed import PrintedDesign, Shape, printed, unmeshed
-from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
-from toros_fem.making.print.regions import part_regions, regions_on
-from toros_fem.meshes.moving import border_motion
+from toros_fem.making.as_printed import PrintedDesign, Shape, printed, unmeshed
+from toros_fem.making.cleaning import CleanedRegions, clean, panels_of
+from toros_fem.making.printability import part_regions, regions_on
+from toros_fem.meshes.panels import border_motion
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import Job, SimulatedPrint, near_on_coarser

@@ -10,10 +10,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Key, Positive, Table, Text, key, nearest
 from toros_fem.base.scene import NO_TABLE, Scene
+from toros_fem.base.validation import Floats
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
@@ -21,7 +21,7 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
 from toros_fem.design.relaxed.find import RelaxedOptions
-from toros_fem.making.print.cleaning import require_island_area
+from toros_fem.making.cleaning import require_island_area
 from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -33,9 +33,15 @@ from toros_fem.products.actuators.designer import Designer
 from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.result import SkinDesign, TrialResult
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
-from toros_fem.products.plausibility import Group, Inflated, with_lengths
-from toros_fem.products.tables.loads import PressureTable, ResultTable, SkinSheets
-from toros_fem.products.tables.steps import DesignTable, LineTable, PrinterTable
+from toros_fem.products.common.plausibility import Group, Inflated, with_lengths
+from toros_fem.products.common.tables import (
+    DesignTable,
+    LineTable,
+    PressureTable,
+    PrinterTable,
+    ResultTable,
+    SkinSheets,
+)
 from toros_fem.results.reporter import DesignReporter, print_step
 from toros_fem.results.runs.open_run import journal_of
 

@@ -14,20 +14,19 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, PanelError, ParameterError
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
-from toros_fem.making.panels.drawing import is_drawing, read_drawing
-from toros_fem.making.print.printability import PRINT, read_print_polygons
-from toros_fem.making.print.regions import case_of_print
+from toros_fem.making.drawing import is_drawing, read_drawing
+from toros_fem.making.printability import PRINT, case_of_print, read_print_polygons
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.meshes.files import PATTERN_FILE, read_print
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import (
@@ -52,7 +51,8 @@ log = logging.getLogger(__name__)
 SAME = 1e-3
 
 FILES = {
-    "pattern": f"output folder of a design, its {NAME}, or a drawing; none: nothing is printed"
+    "pattern": f"output folder of a design, its {PATTERN_FILE}, or a drawing; none: "
+    "nothing is printed"
 }
 
 
@@ -195,7 +195,7 @@ def case_to_simulate(
             stored = read_print_polygons(comm, path)
             print_of_whole = stored.pattern, stored.regions
         else:
-            source, printed = read_print(comm, path / NAME if path.is_dir() else path)
+            source, printed = read_print(comm, path / PATTERN_FILE if path.is_dir() else path)
             density = printed.astype(np.float64)
             if _same(source, made.pattern):
                 return replace(made, pattern=source), level, density, None

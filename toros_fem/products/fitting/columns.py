@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.units import DIMENSIONS, spelt
+from toros_fem.base.keys import DIMENSIONS, spelt
 from toros_fem.base.validation import shown
 
 # Returns a size of the specimen in m, by its kind.

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
-from toros_fem.base.validation import checked_list, require_kind
+from toros_fem.base.validation import Floats, checked_list, require_kind
 from toros_fem.materials.library.material import LENGTHS, LibraryMaterial
 from toros_fem.materials.sheet import Knit, Material, Threads
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.origin import from_rest
 from toros_fem.products.fitting.samples import (
     CONFIDENCE,
@@ -41,7 +41,6 @@ from toros_fem.products.fitting.uniaxial import (
     scales_of,
     tension,
 )
-from toros_fem.products.options import FitOptions
 
 # Title and SI unit of each constant.
 CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(

@@ -19,12 +19,11 @@ import numpy as np
 from mpi4py import MPI
 from scipy.special import stdtrit
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import FileError, NoEquilibriumError, ParameterError
 from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
-from toros_fem.base.scene import Scene
-from toros_fem.base.toml_file import read_text
-from toros_fem.base.units import DIMENSIONS, spelt
+from toros_fem.base.keys import DIMENSIONS, spelt
+from toros_fem.base.scene import Scene, read_text
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -33,12 +32,12 @@ from toros_fem.mechanics.terms.model import make_model
 from toros_fem.meshes.skin import sew
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.actuators.simulate import case_to_simulate
+from toros_fem.products.common.tables import SkinSheets
 from toros_fem.products.fitting.columns import number_of
 from toros_fem.products.fitting.fit import COLOURS, FILES, Estimate, r_squared
 from toros_fem.products.fitting.samples import CONFIDENCE, FEWEST, correlation
-from toros_fem.products.tables.loads import SkinSheets
-from toros_fem.products.tubes.inflate import METRICS, InflateScene
-from toros_fem.products.tubes.tube import plain_tube
+from toros_fem.products.inflate import METRICS, InflateScene
+from toros_fem.products.tubes import plain_tube
 
 # Steps of Gauss and Newton's method, and halvings of a step that makes the squares larger.
 MOST_STEPS, HALVINGS = 30, 4

@@ -14,8 +14,9 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import FileError
+from toros_fem.base.validation import Floats, Ints
+from toros_fem.products.common.options import FitOptions
 from toros_fem.products.fitting.samples import FEWEST, TensileTest, correlation
 from toros_fem.products.fitting.uniaxial import (
     LARGEST_POISSON,
@@ -28,7 +29,6 @@ from toros_fem.products.fitting.uniaxial import (
     pulling_stress,
     rubber_stress,
 )
-from toros_fem.products.options import FitOptions
 
 # The test ends at its largest force if the force falls by this part of it for good.
 FALL = 0.2

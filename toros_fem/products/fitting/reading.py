@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toros_fem.base.errors import FileError, ParameterError
-from toros_fem.base.toml_file import read_text
-from toros_fem.base.units import read_quantity
+from toros_fem.base.keys import read_quantity
+from toros_fem.base.scene import read_text
 from toros_fem.base.validation import checked_list, require_choice, require_kind, require_positive
 from toros_fem.products.fitting.columns import (
     FORMULAS,

@@ -12,10 +12,16 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import ndtri, stdtrit
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import FileError, ParameterError
-from toros_fem.base.validation import checked_floats, require_choice, require_positive
-from toros_fem.products.options import BRANCHES, LOSSES, FitOptions
+from toros_fem.base.validation import (
+    Bools,
+    Floats,
+    Ints,
+    checked_floats,
+    require_choice,
+    require_positive,
+)
+from toros_fem.products.common.options import BRANCHES, LOSSES, FitOptions
 
 # A turn of the stretch smaller than this part of its range is noise.
 TURN = 0.15

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import FileError
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.products.fitting.samples import Samples
 
 # Steps of a bracketed Newton method; each halves the bracket at least where Newton leaves it.

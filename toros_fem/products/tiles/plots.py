@@ -15,9 +15,9 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats
-from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.tiles import SYMMETRIES, Tile
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.pictures import style
 

@@ -14,27 +14,33 @@ from mpi4py import MPI
 from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.archive import Archive, read_archive, write_archive
-from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import FileError, ParameterError
-from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
-from toros_fem.base.mpi import on_root
-from toros_fem.base.validation import (
-    checked_path,
-    require_kind,
-    require_positive,
-    shown,
+from toros_fem.base.files import (
+    Archive,
+    guarded,
+    if_plotting,
+    if_possible,
+    read_archive,
+    write_archive,
+    write_table,
 )
-from toros_fem.making.panels.panel_drawing import write_svg
-from toros_fem.making.print.printability import printed_cells
-from toros_fem.making.print.regions import packed_regions, regions_of
-from toros_fem.making.sheets.write import FOLDER, write_manufacture
+from toros_fem.base.mpi import on_root
+from toros_fem.base.validation import Bools, checked_path, require_kind, require_positive, shown
+from toros_fem.making.machine_files import FOLDER, write_manufacture
+from toros_fem.making.panel_drawing import write_svg
+from toros_fem.making.printability import packed_regions, printed_cells, regions_of
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import TOLERANCE, Figure
-from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.tiles.printability import SIDE, repeated
-from toros_fem.products.tiles.problem import UNITS, PrintMeasurement, TileCase, TileResult
+from toros_fem.meshes.tiles import Tile, tile
+from toros_fem.products.tiles.problem import (
+    SIDE,
+    UNITS,
+    PrintMeasurement,
+    TileCase,
+    TileResult,
+    repeated,
+)
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.writer import write_fields

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, together
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.design.loop.physics import Pressure, Residuals, Saved
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import axis_label, formatted, unit_of
 from toros_fem.results.pictures import style

@@ -16,15 +16,14 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.validation import Floats
 from toros_fem.design.lines.field import LineField
-from toros_fem.making.panels.marks import sewn_seams
-from toros_fem.making.print.printability import Printability, PrintLimits
+from toros_fem.making.marks import sewn_seams
+from toros_fem.making.printability import Printability, PrintLimits
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
-from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.panels import panel_places
+from toros_fem.meshes.panels import Affine, panel_places
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.surfaces.unwrap import Unwrapped
+from toros_fem.meshes.unwrapped import Unwrapped
 from toros_fem.results.pictures import style
 from toros_fem.results.pictures.raster import DrawnSurface, Image, View
 from toros_fem.results.pictures.shown import Axonometry, visible

@@ -16,7 +16,7 @@ from PIL import ImageDraw
 from shapely import get_coordinates, get_parts
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.validation import Bools, Floats, Ints
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.triangles import cross, normals
 from toros_fem.meshes.triangles import normals as surface_normals

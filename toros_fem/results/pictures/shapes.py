@@ -14,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.validation import Bools, Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import State, overall, worst_of
 from toros_fem.measures.miss import DIRECTION, DISTANCE, Miss, Tip, is_of_shape, shape_figures

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.making.print.printability import printed_fractions
+from toros_fem.base.validation import Bools, Floats, Ints
+from toros_fem.making.printability import printed_fractions
 from toros_fem.meshes.triangles import equilateral_edge
 from toros_fem.results.pictures.raster import (
     DrawnSurface,

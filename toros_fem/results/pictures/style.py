@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike
 from shapely import get_coordinates, get_parts, get_rings
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.files import replace_file
+from toros_fem.base.validation import Floats
 
 # Left, bottom, width and height of a part of a page, over the page.
 Box = tuple[float, float, float, float]

@@ -16,15 +16,14 @@ import numpy as np
 import numpy.typing as npt
 from shapely.affinity import scale
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import naming, replace_file
 from toros_fem.base.packages import required, template
-from toros_fem.base.validation import require_kind
-from toros_fem.making.panels.panel_drawing import region_data
+from toros_fem.base.validation import Floats, require_kind
+from toros_fem.making.panel_drawing import region_data
 from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.surfaces.flatten import triangle_stretches
+from toros_fem.meshes.unwrapped import triangle_stretches
 from toros_fem.results.report import tables
 from toros_fem.results.report.tables import as_shown
 from toros_fem.results.runs.frames import Frame, ShownSkin

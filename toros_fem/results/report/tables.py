@@ -6,16 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from toros_fem.base.units import duration
+from toros_fem.base.keys import duration
 from toros_fem.base.validation import is_number
-from toros_fem.measures.figures import (
-    NONE,
-    Figure,
-    axis_label,
-    formatted,
-    split_key,
-    verdict_of,
-)
+from toros_fem.measures.figures import NONE, Figure, axis_label, formatted, split_key, verdict_of
 from toros_fem.measures.miss import is_of_shape
 from toros_fem.results.runs.stored_run import Run, Summary, notes_at
 

@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem.base.archive import Archive, read_archive, write_archive
-from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import OutputError
-from toros_fem.base.files import replace_file
-from toros_fem.making.print.regions import REGIONS, packed_regions, regions_of
+from toros_fem.base.files import Archive, read_archive, replace_file, write_archive
+from toros_fem.base.validation import Floats, Ints
+from toros_fem.making.printability import REGIONS, packed_regions, regions_of
 from toros_fem.measures.miss import Miss, miss_of, placed_on
+from toros_fem.meshes.files import archive_of, pattern_of
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.pattern_file import archive_of, pattern_of
 
 FOLDER = "frames"
 # Frames over iterations that are kept, besides the newest.

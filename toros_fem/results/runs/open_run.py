@@ -26,23 +26,25 @@ from typing import Any, NoReturn, Self, TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.archive import FORMAT, Archive, read_archive, write_archive
 from toros_fem.base.errors import CheckpointError, FileError, OutputError, RunStoppedError
 from toros_fem.base.files import (
+    FORMAT,
     UNFINISHED,
+    Archive,
     guarded,
+    read_archive,
     read_bytes,
     read_json,
     reading,
     reason,
     remove_unfinished,
     replace_file,
+    write_archive,
     write_json,
 )
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.program import program
+from toros_fem.base.packages import __version__, program
 from toros_fem.base.validation import require_count
-from toros_fem.base.versions import __version__
 from toros_fem.design.loop.journal import KIND, Journal, JournalEntry
 from toros_fem.results.runs.stored_run import (
     RECORD,

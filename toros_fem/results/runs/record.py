@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.validation import Floats, Ints
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeProblem
 from toros_fem.measures.miss import compared_axes, is_aligned
 from toros_fem.mechanics.paths.trace_point import TracePoint
-from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern, Regions
+from toros_fem.meshes.pattern import Mirrored, Pattern, Regions
 from toros_fem.results.runs.frames import (
     FOLDER,
     Frame,

@@ -71,7 +71,7 @@ def files_of_run(folder: Path) -> list[Path]:
         OutputError: A folder of a run is a link.
         FileError: A machine file was changed since it was made.
     """
-    from toros_fem.making.sheets.write import made_before  # who only reads names pays nothing
+    from toros_fem.making.machine_files import made_before  # who only reads names pays nothing
 
     require_no_link(folder)
     found = [folder / name for name in FILES if "/" not in name]

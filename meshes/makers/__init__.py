@@ -1,1 +1,0 @@
-"""Ready-made patterns: sheets, tubes, flat robots, tiles, moulded skins."""

@@ -1,1 +1,0 @@
-"""Surfaces and targets from files; surfaces cut and laid flat as sewing patterns."""

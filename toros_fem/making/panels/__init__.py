@@ -1,1 +1,0 @@
-"""Panels to cut: allowance, seams, marks, labels, the printed face, the bladder."""

@@ -1,1 +1,0 @@
-"""The print of a design: contours, widths, islands, printability."""

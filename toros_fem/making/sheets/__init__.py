@@ -1,1 +1,0 @@
-"""Machine files of a design on beds and sheets, with manifest and page."""

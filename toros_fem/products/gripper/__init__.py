@@ -1,1 +1,0 @@
-"""A gripper whose fingers close on an object (Fig. 1)."""

@@ -1,1 +1,0 @@
-"""A skin from a mesh file."""

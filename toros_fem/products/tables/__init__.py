@@ -1,1 +1,0 @@
-"""Tables of keys that several kinds of scenes share."""

@@ -1,1 +1,0 @@
-"""As made, not as drawn: tolerances of print, materials and pressure (docs/tolerance.md)."""

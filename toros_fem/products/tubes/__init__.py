@@ -1,1 +1,0 @@
-"""Tubes that bend, shorten, twist, or only swell (Fig. 8)."""

@@ -1,1 +1,0 @@
-"""A robot that stands up or crawls (Figs. 9, 10)."""
