@@ -160,6 +160,9 @@ def test_a_print_is_simulated_in_all_poses(alone: MPI.Comm) -> None:
     assert worst_of_print(better) <= worst_of_print(made)
     first, second = (one.equilibrium.pressure for one in better.evaluation.every)
     assert second == pytest.approx(first / 2)
+    printed = made.evaluation
+    lower = printed.problem.simulate_binary(printed.projected, printed, pressure=4.5e3)
+    assert [one.equilibrium.pressure for one in lower.every] == pytest.approx([4.5e3, 2.25e3])
 
 
 WRONG: list[tuple[Callable[[Pattern, MPI.Comm], dict[str, object]], str]] = [
