@@ -46,6 +46,7 @@ COMMANDS = {
     "figures": "benchmarks.figures",
     "intervals": "benchmarks.intervals",
     "prints": "benchmarks.prints",
+    "fits": "benchmarks.fits",
     "measured": "benchmarks.measured.command",
 }
 # Variables by which a child process would take itself for a rank of this one.

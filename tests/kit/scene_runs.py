@@ -75,6 +75,9 @@ AFTER_BEND: dict[str, list[str]] = {
 ALONE: dict[str, list[str]] = {
     "fit": ["fit", str(ROOT / "examples" / "stockinette.csv"), "--thickness", "0.5 mm",
             "--output", "fit"],
+    "fit_skin": ["fit", str(ROOT / "tests" / "data" / "inflated.csv"), "--scene",
+                 str(ROOT / "demos" / "scenes" / "inflate.toml"), "--coarse",
+                 "--output", "fit_skin"],
     "unwrap": ["unwrap", str(ROOT / "demos" / "surfaces" / "finger.stl"),
                "--output", "unwrap"],
 }  # fmt: skip

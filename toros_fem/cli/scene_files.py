@@ -85,7 +85,7 @@ FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "tested_stretch": "tested_stretch",
         },
         "reinforcement": {**_PRINT, "print_mass": "density"},
-        "bladder": {"bladder_young": "young", "bladder_thickness": "thickness"},
+        "bladder": {f"bladder_{name}": name for name in ("young", "thickness", "second", "third")},
     }
 )
 NAMES: Mapping[str, Key] = MappingProxyType(

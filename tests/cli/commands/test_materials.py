@@ -147,6 +147,8 @@ def test_a_doubtful_entry_says_so(
         (("--thickness", "3 mm", "--unit", "force=lb"), "known are N"),
         (("--thickness", "3 mm", "--column", "time=t"), "must be COLUMN=NAME"),
         (("--thickness", "3 mm", "--loss", "none"), "Choose from"),
+        (("--scene", "tube.toml", "--draws", "40"), "with --scene, `toros fit` takes no --draws"),
+        (("--coarse",), "--pattern and --coarse belong to --scene"),
         ((), "line 3: the thickness is not known"),
     ],
 )

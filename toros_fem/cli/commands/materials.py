@@ -119,6 +119,8 @@ def _cells(entry: LibraryMaterial) -> dict[str, str]:
         "E h": f"{stiffness / thousands:.3g} {unit}",
         "c1": entry.c1 and f"{entry.c1:g}",
         "c2": entry.c2 and f"{entry.c2:g}",
+        "C₂₀": entry.second and write_quantity(entry.second, "Pa"),
+        "C₃₀": entry.third and write_quantity(entry.third, "Pa"),
         "knit ratio": entry.knit_ratio and f"{entry.knit_ratio:g}",
         "courses": _threads(entry.course_stiffness, entry.course_strain),
         "wales": _threads(entry.wale_stiffness, entry.wale_strain),
@@ -140,7 +142,6 @@ class _Entry(Table, kw_only=True):
     library: File | None = key(
         None, "file of materials, made if missing, in which NAME is added or replaced"
     )
-    kind: Annotated[str, OneOf(("fabric", "print"))] = key("fabric", "what it is")
     with_fabric: Flag = key(False, "a print was tested together with its fabric")
     source: Text | None = key(None, "where it comes from; none: the specimens")
 
@@ -166,13 +167,29 @@ class _Unsaid(Table, kw_only=True):
     )
 
 
-class Fit(Command, FitOptions, _Entry, _Unsaid, kw_only=True):
-    """Fits a material to tensile tests.
+class _OfSkin(Table, kw_only=True):
+    """A skin that was inflated, in the place of tensile tests."""
 
-    CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), with 95 %
-    intervals. The header names the columns with their units: 'strain [%]', 'force [N]',
-    'lateral strain [%]'; tables of test machines are read as they are. Slack, set and break
-    are left out, and told. The folder gets fit.txt, fit.json, fit.csv and fit.png.
+    scene: File | None = key(
+        None,
+        "scene file of the skin, whose readings over pressure DATA has; none: tensile tests",
+    )
+    pattern: File | None = key(
+        None, "its print: folder of a design, or a drawing; none: a plain skin"
+    )
+    coarse: Flag = key(False, "the scene's quick variant, with a coarse mesh")
+
+
+class Fit(Command, FitOptions, _Entry, _Unsaid, _OfSkin, kw_only=True):
+    """Fits a material to tensile tests, or to an inflated skin.
+
+    CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), of a rubber the
+    constants of Yeoh's law, with 95 % intervals. With a scene the file has readings of its skin:
+    'pressure [kPa]', 'diameter [mm]', 'length [mm]', of a print 'angle [deg]' or 'twist [deg]'.
+    What these cannot tell is held, and told. Headers name the columns with their units:
+    'strain [%]', 'force [N]', 'lateral strain [%]'; tables of test machines are read as they
+    are. Slack, set and break are left out, and told. The folder gets fit.txt, fit.json, fit.csv
+    and fit.png.
     With a name and a file of materials, scenes can take the material by its name.
     """
 
@@ -193,6 +210,7 @@ class Fit(Command, FitOptions, _Entry, _Unsaid, kw_only=True):
         "toros fit jersey.csv --thickness '0.5 mm'",
         "toros fit jersey.csv --thickness '0.5 mm' --name my-jersey --library mine.toml",
         "toros fit course.csv wale.csv --width '25 mm' --thickness '0.5 mm' --output jersey",
+        "toros fit inflated.csv --scene tube.toml --coarse",
     )
 
     def __call__(self, comm: MPI.Comm) -> Answer:
@@ -203,6 +221,10 @@ class Fit(Command, FitOptions, _Entry, _Unsaid, kw_only=True):
             raise UsageError("--name and --library belong together: give both, or none.")
         unused = partial(require_unused, self.output, FILES, overwrite=self.overwrite)
         on_first_rank(comm, unused)
+        if self.scene is not None:
+            return self._of_skin(comm, self.scene)
+        if self.pattern is not None or self.coarse:
+            raise UsageError("--pattern and --coarse belong to --scene: give it, or none of them.")
         result = on_first_rank(comm, self._material)
         write_fit(comm, self.output, result)
         text = f"{fit_table(result)}\nsee {self.output}/"
@@ -211,6 +233,24 @@ class Fit(Command, FitOptions, _Entry, _Unsaid, kw_only=True):
             text += ', marked as "doubted"' if result.doubted else ""
         return Answer(text, {"folder": self.output, "library": self.library, **result.summary()})
 
+    def _of_skin(self, comm: MPI.Comm, file: Path) -> Answer:
+        """Fit to an inflated skin, and write the report (collective)."""
+        from toros_fem.cli.scene_files import read_scene
+        from toros_fem.products.fitting import inflation
+
+        fits = {*_OfSkin.described(), "data", "output", "overwrite"}
+        idle = sorted(vars(self)["given"] - fits)
+        if idle or len(self.data) > 1:
+            what = "one file of readings" if not idle else f"no --{idle[0].replace('_', '-')}"
+            raise UsageError(f"with --scene, `toros fit` takes {what}.")
+        scene = read_scene(file, comm=comm, coarse=self.coarse).config
+        skin = inflation.InflatedSkin(comm, scene, self.pattern)
+        read = partial(inflation.read_inflation, self.data[0], scene, skin.metrics)
+        result = inflation.fit_inflation(skin, on_first_rank(comm, read))
+        inflation.write_inflation(comm, self.output, result)
+        text = f"{result.table()}\nsee {self.output}/"
+        return Answer(text, {"folder": self.output, **result.summary()})
+
     def _material(self) -> FitResult:
         """Return constants, and write them where a name asks for it (one rank)."""
         from toros_fem.materials.library.files import write_material
@@ -218,7 +258,7 @@ class Fit(Command, FitOptions, _Entry, _Unsaid, kw_only=True):
 
         result = fit_material(self._tests(), self.updating(FitOptions()))
         if self.name is not None and self.library is not None:
-            said = {name: getattr(self, name) for name in ("kind", "with_fabric", "source")}
+            said = {name: getattr(self, name) for name in ("with_fabric", "source")}
             write_material(self.library, library_entry(result, self.name, **said))
         return result
 

@@ -73,6 +73,12 @@ class LibraryMaterial(Table, kw_only=True):
     shear_stiffness: Annotated[float, In("N/m", at_least=0)] | None = key(
         None, "stiffness against shear of the threads; none for none"
     )
+    second: Annotated[float, In("Pa")] | None = key(
+        None, "constant C₂₀ of Yeoh's law of a rubber; none for a neo-Hookean one"
+    )
+    third: Annotated[float, In("Pa", at_least=0)] | None = key(
+        None, "constant C₃₀ of Yeoh's law of a rubber; none for none"
+    )
     density: Annotated[float, In("kg/m²", above=0, at_most=100)] | None = key(
         None, "mass per flat area; none if it is not known"
     )
@@ -112,10 +118,11 @@ class LibraryMaterial(Table, kw_only=True):
         beyond = f"ends beyond c1 = {bound}, which no stretch reaches. Shorten it, or raise c1"
         yield "stretch_range", bound is None or high <= bound, beyond
         threads = dict.fromkeys(("knit_ratio", *THREADS), "fabric")
-        for name, kind in {**threads, "with_fabric": "print"}.items():
+        rubbers = {"second": "rubber", "third": "rubber"}
+        for name, kind in {**threads, **rubbers, "with_fabric": "print"}.items():
             other = f"belongs to a {kind}, and this is a {self.kind}. Leave it out"
             yield name, not getattr(self, name) or self.kind == kind, other
-        neo = "belongs to eq. (1); a rubber is neo-Hookean and has no bounds. Leave it out"
+        neo = "belongs to eq. (1); a rubber has no bounds. Leave it out"
         yield "c1", not rubber or bound is None, neo
         yield "c2", not rubber or self.c2 is None, neo
         fluid = "must be 0.5: a rubber is incompressible here"
@@ -129,7 +136,7 @@ class LibraryMaterial(Table, kw_only=True):
     @property
     def bladder(self) -> Bladder:
         """Bladder of this material, which is of its thickness."""
-        return Bladder(self.young, self.thickness)
+        return Bladder(self.young, self.thickness, self.second, self.third)
 
     @property
     def membrane_stiffness(self) -> float:

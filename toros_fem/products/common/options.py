@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Flag, In, Length, Number, OneOf, Positive, Stretch, Table, Text, key
+from toros_fem.materials.library.material import MATERIAL_KINDS
 
 if TYPE_CHECKING:  # `toros unwrap --help` needs no meshes
     from scipy.sparse import csr_array
@@ -32,6 +33,9 @@ log = logging.getLogger(__name__)
 class FitOptions(Table):
     """How a material is fitted to tensile tests."""
 
+    kind: Annotated[str, OneOf(MATERIAL_KINDS)] = key(
+        "fabric", "what it is: fabric and print follow eq. (1), a rubber Yeoh's law"
+    )
     branch: Annotated[str, OneOf(BRANCHES)] = key(
         "last-loading", "branch of the load cycles that is fitted"
     )

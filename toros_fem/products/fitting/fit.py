@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from itertools import cycle
@@ -34,7 +34,13 @@ from toros_fem.products.fitting.samples import (
     robust_fit,
     samples_of,
 )
-from toros_fem.products.fitting.uniaxial import scales_of, tension
+from toros_fem.products.fitting.uniaxial import (
+    RubberScales,
+    Scales,
+    rubber_scales_of,
+    scales_of,
+    tension,
+)
 
 # Title and SI unit of each constant.
 CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(
@@ -50,6 +56,8 @@ CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "wale_stiffness": ("wales: stiffness k", "N/m"),
         "wale_strain": ("wales: strain s", ""),
         "knit_ratio": ("ratio of the directions", ""),
+        "second": ("Yeoh's C₂₀", "Pa"),
+        "third": ("Yeoh's C₃₀", "Pa"),
     }
 )
 # A mean residual beyond this part of the stress there is a misfit; stresses count as this part of
@@ -66,7 +74,7 @@ COLOURS = ("#1F3A5F", "#D55E00", "#0072B2", "#6B7280")
 
 
 def fit_material(tests: Sequence[TensileTest], options: FitOptions | None = None) -> FitResult:
-    """Fit μ, λ, c₁ and c₂ of eq. (1) to tensile tests.
+    """Fit μ, λ, c₁ and c₂ of eq. (1) to tensile tests, or Yeoh's law of a rubber.
 
     The strip narrows freely: at each stretch the lateral one is solved for exactly. Residuals of
     stress and lateral stretch are weighted by their own spread. c₁ lies beyond the largest
@@ -74,11 +82,12 @@ def fit_material(tests: Sequence[TensileTest], options: FitOptions | None = None
     ("course" and "wale", "x" and "y", "along" and "across", "warp" and "weft") are fitted together,
     by seven constants: E h, ν, c₂, and stiffness and strain of the `Threads` in each direction. The
     courses of this `Knit` run along the stiffer one. Tests in one direction are fitted as those of
-    an isotropic sheet. Shear is not measured: it is that of the sheet.
+    an isotropic sheet. Shear is not measured: it is that of the sheet. A rubber, by the `kind` of
+    the options, is the same in all directions: E, C₂₀ and C₃₀ are those of a `Bladder`.
 
     Args:
         tests: Tests of one material.
-        options: Branch, loss and intervals.
+        options: Kind of the material, branch, loss and intervals.
 
     Returns:
         The constants with 95 % intervals.
@@ -113,10 +122,17 @@ class _Fit:
         self.options, self.samples = options, samples_of(tests, options, whole=True)
         self.remarks = [text for test in tests for text in test.remarks]
         self.doubts = [text for test in tests for text in test.doubts]
-        self.scales, self.thickness = scales_of(self.samples), _thickness(tests)
-        courses = self.samples.along(self.scales.stiff)
-        coefficients = partial(self.scales.coefficients, course=courses)
-        self._tension = partial(tension, coefficients=coefficients)
+        self.thickness = _thickness(tests)
+        self.scales: Scales | RubberScales
+        self._tension: Callable[..., tuple[Floats, Floats]]
+        if options.kind == "rubber":
+            self.scales = rubber_scales_of(self.samples)
+            self._tension = self.scales.tension
+        else:
+            self.scales = scales_of(self.samples)
+            courses = self.samples.along(self.scales.stiff)
+            coefficients = partial(self.scales.coefficients, course=courses)
+            self._tension = partial(tension, coefficients=coefficients)
         self.curve = remembered(partial(self._at, self.samples.strain))
 
     def problem(self, curve: Model) -> Problem:
@@ -195,7 +211,8 @@ class FitResult:
     """Eq. (1) fitted to tensile tests, beside the data.
 
     Attributes:
-        estimates: Constants by name: young, poisson, mu, lam, c1, c2; knit_ratio of a knit.
+        estimates: Constants by name: young, poisson, mu, lam, c1, c2; knit_ratio of a knit; young,
+            second and third of a rubber, as of `Bladder`.
         samples: The points that were fitted.
         stress, lateral: The model's values at these points, (n,) each.
         thickness: In m; stresses are per width, so that only E h is measured.
@@ -224,13 +241,13 @@ class FitResult:
     @property
     def r2_stress(self) -> float:
         """Coefficient of determination of the stress."""
-        return _r_squared(self.samples.stress, self.stress)
+        return r_squared(self.samples.stress, self.stress)
 
     @property
     def r2_lateral(self) -> float | None:
         """Coefficient of determination of the lateral stretch; None if it was not measured."""
         seen = np.isfinite(self.samples.lateral)
-        return _r_squared(self.samples.lateral[seen], self.lateral[seen]) if seen.any() else None
+        return r_squared(self.samples.lateral[seen], self.lateral[seen]) if seen.any() else None
 
     @property
     def measured_to(self) -> float:
@@ -284,8 +301,16 @@ class FitResult:
     @property
     def material(self) -> Material:
         """The sheet with its bounds; of a knit the plain fabric under its courses."""
-        young, poisson = (self.estimates[name].value for name in ("young", "poisson"))
-        return Material(young, poisson, self.thickness, self.c1, self.c2)
+        young = self.estimates["young"].value
+        if self.rubber:
+            return Material(young, 0.5, self.thickness)
+        return Material(young, self.estimates["poisson"].value, self.thickness, self.c1, self.c2)
+
+    @property
+    def rubber(self) -> dict[str, float]:
+        """C₂₀ and C₃₀ by the names that a `Bladder` has for them; none of a fabric."""
+        names = ("second", "third")
+        return {name: self.estimates[name].value for name in names if name in self.estimates}
 
     @property
     def c1(self) -> float:
@@ -317,14 +342,15 @@ class FitResult:
                 f"{self.stiff!r} is the stiffer direction: the courses of `Knit` run along it. "
                 "Shear was not measured: it is that of the sheet, unless you give shear_stiffness."
             )
-        if self.r2_lateral is None:
+        if self.r2_lateral is None and not self.rubber:
             found.append(
                 "No lateral stretch was measured: poisson and c2 follow from the stress alone."
             )
-        far = "infinity: the data do not come near this bound."
+        far = "reaches infinity: the data do not come near this bound."
+        end = "has 0 in it." if self.rubber else "reaches an end of what the fit allows."
         found += [
-            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches "
-            + ("an end of what the fit allows." if np.isfinite(one.high) else far)
+            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, "
+            + (end if np.isfinite(one.high) else far)
             for name, one in self.estimates.items()
             if not one.identified
         ]
@@ -362,7 +388,7 @@ class FitResult:
         }
 
 
-def _r_squared(measured: Floats, model: Floats) -> float:
+def r_squared(measured: Floats, model: Floats) -> float:
     """Return 1 − Σ residual²/Σ (measured − mean)²; −∞ of constant data that are missed."""
     missed = float(np.sum((measured - model) ** 2))
     spread = float(np.sum((measured - measured.mean()) ** 2))
@@ -389,6 +415,7 @@ def estimates_of(
         low, high = np.percentile(draws[name], ends, method="weibull")
         low, high = min(low, value), max(high, value)
         identified = name != "poisson" or high - low < WIDE_POISSON
+        identified &= name not in ("second", "third") or not low <= 0 <= high
         if name in ranges:
             least, most = ranges[name]
             margin = 1e-3 * (most - least)
@@ -479,7 +506,8 @@ def plot_fit(path: Path, result: FitResult) -> None:
                 rows = samples.curve_along(name)
                 stretch, words = 1 + samples.strain[rows], f"{name}: " if name else ""
                 tests = samples.direction.count(name)
-                told = f"{words}{tests} test{'s' * (tests > 1)} (dots), eq. (1) (line)"
+                law = "Yeoh's law" if result.rubber else "eq. (1)"
+                told = f"{words}{tests} test{'s' * (tests > 1)} (dots), {law} (line)"
                 dots = {"ls": "", "marker": ".", "ms": 4, "color": colour, "alpha": 0.5}
                 top.plot(stretch, measured[rows], **dots)
                 top.plot(stretch, fitted[rows], color=colour, lw=1.8)
@@ -499,7 +527,6 @@ def library_entry(
     result: FitResult,
     name: str,
     *,
-    kind: str = "fabric",
     with_fabric: bool = False,
     title: str | None = None,
     source: str | None = None,
@@ -507,7 +534,6 @@ def library_entry(
     """Return a fitted material as an entry of a library, for `materials.library.write_material`.
 
     Args:
-        kind: "fabric" or "print".
         with_fabric: Whether a print was tested together with its fabric.
         title: What it is; None for the name.
         source: Where the tests come from; None for their specimens.
@@ -529,10 +555,11 @@ def library_entry(
     note = "; ".join([_quality(result, "none measured"), *notes])
     return LibraryMaterial(
         name=name,
-        kind=kind,
+        kind=result.options.kind,
         title=title or name,
         **{one: getattr(sheet, one) for one in ("young", "poisson", "thickness", "c1", "c2")},
         **_threads(result.knit),
+        **result.rubber,
         stretch_range=(1.0, result.trusted_to),
         source=source or (tested if len(tested) < 200 else f"{tested[:199]}…"),
         trust="doubted" if result.doubted else "measured",

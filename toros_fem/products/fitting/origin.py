@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
@@ -20,10 +21,13 @@ from toros_fem.products.fitting.samples import FEWEST, TensileTest, correlation
 from toros_fem.products.fitting.uniaxial import (
     LARGEST_POISSON,
     NEAREST,
+    SOFTEST,
+    STEEPEST,
     Coefficients,
     lame,
     lateral_strain,
     pulling_stress,
+    rubber_stress,
 )
 
 # The test ends at its largest force if the force falls by this part of it for good.
@@ -166,7 +170,7 @@ def _after_idle(
     spread = float(np.hypot(start.error, 2 * start.toe * at))
     if start.toe:
         doubts.append("its force rises by and by, a toe: the strain from which it does is vague.")
-    rest = _fitted(moved.stretch - 1, moved.stress)
+    rest = _fitted(moved.stretch - 1, moved.stress, options.kind)
     reach = float(moved.stretch.max() - 1)
     if rest.sure(HIDDEN) and not rest.missed:
         spread = float(np.hypot(spread, rest.strain))
@@ -200,7 +204,8 @@ def _without_idle(
     reach, top = float(x.max()), float(stress.max())
     if not (reach > 0 and top > 0):
         return _with(test, said, doubts), 0.0
-    found, idle = _fitted(x, stress), _fitted(x, stress, level=True)
+    law = partial(_fitted, kind=options.kind)
+    found, idle = law(x, stress), law(x, stress, level=True)
     flat = x < idle.strain
     # Idle points tell more than noise: without a level too, or by what they explain.
     likely = found.strain > 0 and found.sure(HIDDEN)
@@ -234,7 +239,7 @@ def _without_idle(
         and float(x.min()) < -0.5 * at_zero
     )
     if options.offset == "untared" or (negative and options.offset == "ask"):
-        shift = _fitted(x, stress, strain=False, level=True)
+        shift = law(x, stress, strain=False, level=True)
         # Where the model misses the first points, they tell it better.
         first = float(np.hypot(start.level_error, EXACT_LEVEL * top))
         better = first < abs(shift.level - start.level)
@@ -246,7 +251,7 @@ def _without_idle(
         return _with(tared, said, doubts), error / slope
     if options.offset == "preload":
         near = x <= NEAR * reach
-        close = _fitted(x[near], stress[near])
+        close = law(x[near], stress[near])
         if close.strain < 0:
             percent = -100 * close.strain / (1 + close.strain)
             said.append(
@@ -361,7 +366,7 @@ def _start(test: TensileTest) -> _Start:
 
 @dataclass(frozen=True)
 class _Shift:
-    """What a curve of eq. (1) tells of its own origin.
+    """What a curve of the law tells of its own origin.
 
     Attributes:
         strain, level: At which it begins; 0 where it was not asked for.
@@ -386,8 +391,10 @@ class _Shift:
         return abs(self.strain) > times * self.error
 
 
-def _fitted(x: Floats, stress: Floats, *, strain: bool = True, level: bool = False) -> _Shift:
-    """Return the strain at which a curve of eq. (1) begins, the stress from which it does, or both.
+def _fitted(
+    x: Floats, stress: Floats, kind: str, *, strain: bool = True, level: bool = False
+) -> _Shift:
+    """Return the strain at which a curve of the law begins, the stress from which it does, or both.
 
     Of both the strain is positive, and the stress stays what it is up to there.
     """
@@ -395,20 +402,27 @@ def _fitted(x: Floats, stress: Floats, *, strain: bool = True, level: bool = Fal
     parts = np.array_split(order, min(len(order), MOST))
     x, stress = _means(x, parts), _means(stress, parts)
     reach, top = float(x.max()), float(np.abs(stress).max())
-    asked = np.array([True] * 4 + [strain, level])
+    rubber = kind == "rubber"
+    asked = np.array([True] * 3 + [not rubber, strain, level])
 
     def model(some: Floats) -> Floats:
         theta = np.zeros(6)
         theta[asked] = some
         at = reach * theta[4]
+        own = np.maximum(x - at, 0.0)
+        if rubber:
+            parts = rubber_stress(own, reach - at)
+            shape = parts[0] + theta[1] * parts[1] + theta[2] * parts[2]
+            return np.asarray(np.exp(theta[0]) * shape / top + theta[5])
         mu, lam = lame(np.exp(theta[0]), theta[1])
         c = Coefficients(mu, lam, *theta[2:4] / (reach - at) ** 2)
-        own = np.maximum(x - at, 0.0)
         return np.asarray(pulling_stress(own, lateral_strain(own, c), c) / top + theta[5])
 
     guess, least = np.log(top / reach), 0.0 if level else -0.5
     low = np.array([guess - 9, -1e-9, 1e-2, 1e-2, least - 1e-9, -0.5])[asked]
     high = np.array([guess + 9, LARGEST_POISSON, NEAREST**-2, NEAREST**-2, 0.5, 0.5])[asked]
+    if rubber:
+        low[1:3], high[1:3] = (-SOFTEST, -1e-9), STEEPEST
     tried = [
         least_squares(
             lambda theta: (model(theta) - stress / top) / 0.01,
@@ -424,8 +438,9 @@ def _fitted(x: Floats, stress: Floats, *, strain: bool = True, level: bool = Fal
     variance = float(np.mean(residuals**2)) * len(x) / max(len(x) - p, 1) + EXACT**2
     alike = _alike(residuals)
     precision = found.jac.T @ found.jac * 1e-4 / (variance * alike) + np.diag((high - low) ** -2.0)
-    error = float(np.sqrt(np.linalg.inv(precision)[4, 4])) * (reach if strain else top)
-    values = iter(found.x[4:])
+    further = int(asked[:4].sum())
+    error = float(np.sqrt(np.linalg.inv(precision)[further, further])) * (reach if strain else top)
+    values = iter(found.x[further:])
     return _Shift(
         reach * float(next(values)) if strain else 0.0,
         top * float(next(values)) if level else 0.0,

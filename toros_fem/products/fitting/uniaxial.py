@@ -1,4 +1,4 @@
-"""Uniaxial tension of eq. (1), the parameters of a fit, and the coefficients that follow from them.
+"""Uniaxial tension, the parameters of a fit, and the coefficients that follow from them.
 
 The lateral stretch is solved exactly, with derivatives. The parameters are ln(E h), ν,
 α = (x/(c₁−1))² and β = (z/(c₂−1))², where x and z are the largest strain along the pull and the
@@ -7,6 +7,9 @@ they cannot tell is an interval that ends at the smallest α, not a number witho
 
 Of two directions the threads of a `Knit` take the place of c₁, which is far: ln k and σ = (x/s)² of
 courses and wales, x the largest strain along them, k and s as of `Threads`.
+
+A rubber is incompressible, so that its lateral stretch is λ^(−1/2). The parameters of Yeoh's law
+are ln(E h), C₂₀ · 6 J/E and C₃₀ · 6 J²/E, J the largest I₁ − 3.
 """
 
 from __future__ import annotations
@@ -33,6 +36,8 @@ NEAREST_SUM = 0.2
 LARGEST_POISSON = 0.5
 # Of threads: largest σ, and c₁ − 1 of the sheet beside them over the largest strain.
 STEEPEST, FAR = 36.0, 8.0
+# Smallest parameter of C₂₀ of a rubber, less its sign: it softens, and stiffens by C₃₀ again.
+SOFTEST = 5.0
 # Names of perpendicular directions; a knit is fitted to both.
 PAIRS = (("course", "wale"), ("x", "y"), ("along", "across"), ("warp", "weft"))
 
@@ -219,6 +224,80 @@ class Scales:
         }
 
 
+@dataclass(frozen=True)
+class RubberScales:
+    """Strain and stress that the parameters of Yeoh's law refer to.
+
+    Attributes:
+        strain: Largest measured strain.
+        stiffness: First guess of E h, in N/m.
+    """
+
+    strain: float
+    stiffness: float
+    stiff: None = None
+    far: float = np.inf
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """The smallest and the largest value of each parameter; C₃₀ is at least 0."""
+        guess = np.log(self.stiffness)
+        return np.array([guess - 9, -SOFTEST, 0.0]), np.array([guess + 9, *[STEEPEST] * 2])
+
+    @property
+    def starts(self) -> list[Floats]:
+        """Values to start from: a rubber that stiffens little, and much."""
+        return [np.array([np.log(self.stiffness), *more]) for more in ((0.0, 0.1), (0.5, 1.0))]
+
+    def values(self, theta: Floats, thickness: float) -> dict[str, Any]:
+        """Return all material constants by their names, in SI units, each as an entry of theta."""
+        young, invariant = np.exp(theta[0]) / thickness, excess(self.strain)
+        second, third = (young * theta[k] / (6 * invariant**k) for k in (1, 2))
+        return {"young": young, "second": second, "third": third}
+
+    def tension(self, strain: Floats, theta: Floats) -> tuple[Floats, Floats]:
+        """Return stress and lateral stretch with their derivatives, as the function `tension`."""
+        parts = rubber_stress(strain, self.strain)
+        stress = np.exp(theta[0]) * (parts[0] + theta[1] * parts[1] + theta[2] * parts[2])
+        slopes = np.zeros((2, len(strain), 3))
+        slopes[0] = np.transpose([stress, *(np.exp(theta[0]) * part for part in parts[1:])])
+        return np.array([stress, (1 + strain) ** -0.5]), slopes
+
+
+def excess(strain: Any) -> Any:
+    """Return I₁ − 3 of an incompressible strip, λ² + 2/λ − 3."""
+    return (1 + strain) ** 2 + 2 / (1 + strain) - 3
+
+
+def rubber_stress(strain: Floats, largest: float) -> Floats:
+    """Return the parts of the nominal stress over E by the parameters of Yeoh's law, (3, n).
+
+    From ψ = E/6 (I₁ − 3) + C₂₀ (I₁ − 3)² + C₃₀ (I₁ − 3)³ it is 2 (λ − λ⁻²) ∂ψ/∂I₁.
+    """
+    stretch, ratio = 1 + strain, excess(strain) / excess(largest)
+    neo_hookean = (stretch - stretch**-2) / 3
+    return np.array([neo_hookean, 2 * ratio * neo_hookean, 3 * ratio**2 * neo_hookean])
+
+
+def rubber_scales_of(samples: Samples) -> RubberScales:
+    """Return the scales of a rubber's parameters.
+
+    Raises:
+        FileError: No stress is tension.
+    """
+    neo_hookean = rubber_stress(samples.strain, float(samples.strain.max()))[0]
+    stiffness = float(neo_hookean @ samples.stress) / float(neo_hookean @ neo_hookean)
+    _require_tension(stiffness)
+    return RubberScales(float(samples.strain.max()), stiffness)
+
+
+def _require_tension(stiffness: float) -> None:
+    if not stiffness > 0:
+        raise FileError(
+            "the stresses fall with the stretch: is the sign of the force that of tension?"
+        )
+
+
 def lame(young: Any, poisson: Any) -> tuple[Any, Any]:
     """Return Lamé's parameters of plane stress, as of `Material`; of complex numbers too."""
     return young / (2 * (1 + poisson)), young * poisson / (1 - poisson**2)
@@ -252,10 +331,7 @@ def scales_of(samples: Samples) -> Scales:
                 "or fit one by --direction."
             )
         secants[name] = float(x[rows] @ samples.stress[rows]) / float(x[rows] @ x[rows])
-    if not min(secants.values()) > 0:
-        raise FileError(
-            "the stresses fall with the stretch: is the sign of the force that of tension?"
-        )
+    _require_tension(min(secants.values()))
     largest = float(x.max())
     total = max(float(sums.max()), 0.05 * largest) if len(sums) else None
     if len(found) == 1:
