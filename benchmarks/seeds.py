@@ -4,6 +4,9 @@
 others: whether the print is within all tolerances by value, and whether it certainly is. A run that
 changes its seed by itself counts as a miss.
 
+`poses` designs one print for two poses, and beside it one for the first pose alone, with its
+figures in the other.
+
 `bends` designs eight bends with more pressure than they want, and one seed of each with the
 projection of the paper, whose power is 1.
 
@@ -17,7 +20,8 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -35,6 +39,7 @@ from toros_fem.design.loop.case import Case as ShapeCase
 from toros_fem.measures.cross_sections import Rod
 from toros_fem.measures.figures import NONE, Figure, State, formatted, largest_part, overall
 from toros_fem.meshes.targets import Deformer
+from toros_fem.products.actuators.estimates import SimulatedPrint, simulated_again
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tubes import BendScene, BendTwistScene, ContractScene, TwistScene
@@ -124,6 +129,31 @@ PRODUCTS: dict[str, Callable[[], Any]] = {
     "tile, isotropic": lambda: KINDS["tile"].of(target="isotropic"),
     "tile, auxetic": lambda: KINDS["tile"].of(target="auxetic"),
 }
+
+
+def posed(other: Mapping[str, Any], **values: Any) -> BendScene:
+    """Return a bend with a further pose, of values by key."""
+    return replace(BendScene.of(**values), poses=(other,))
+
+
+POSES: dict[str, Callable[[], BendScene]] = {
+    "90° at 8 kPa, 45° at 4 kPa": lambda: posed(
+        {"angle": 45.0, "pressure": 4e3}, angle=90.0, pressure=8e3
+    ),
+    "90° at 8 kPa, 65° at 4 kPa": lambda: posed(
+        {"angle": 65.0, "pressure": 4e3}, angle=90.0, pressure=8e3
+    ),
+    "90° at 8 kPa, free and with 20 g": lambda: posed(
+        {"hung_mass": 0.02}, angle=90.0, pressure=8e3
+    ),
+    "60° at 15 kPa, blocked at 30° with 0.95 N": lambda: posed(
+        {"blocked_angle": 30.0, "blocked_force": 0.95, "importance": 0.25},
+        angle=60.0,
+        pressure=15e3,
+        length=0.09,
+    ),
+}
+POSE_SEEDS = range(1, 5)
 # What runs do besides, which tells nothing of the design.
 BESIDES = ("curve_pressure", "gait_steps", "lift_distance")
 SEEDS = range(1, 7)
@@ -169,8 +199,39 @@ def designed(scene: Any) -> tuple[Any, float]:
 
 def product_rows(title: str, seed: int, changes: Mapping[str, Any]) -> Iterator[Row]:
     """Design a product from a seed; its figures that have a target, and the worst of them."""
-    place = ("products", f"{title}, seed {seed}", "")
-    scene = PRODUCTS[title]().coarse()
+    yield from scene_rows(
+        ("products", f"{title}, seed {seed}", ""), PRODUCTS[title](), seed, changes
+    )
+
+
+def pose_rows(title: str, seed: int, changes: Mapping[str, Any]) -> Iterator[Row]:
+    """Design a print for two poses, and one for the first pose alone, seen in the other."""
+    place, scene = ("poses", f"{title}, seed {seed}", ""), POSES[title]()
+    yield from scene_rows(place, scene, seed, changes)
+    quick = scene.coarse().updated(**changes, seed=seed, estimate_error=False, hold_pressure=True)
+    found, _ = designed(replace(quick, poses=()))
+    if found.printed.evaluation is None:
+        return
+    level, comm = quick.level_of_print, MPI.COMM_SELF
+    simulated = SimulatedPrint.of(found.printed)
+    case = quick.case_of_poses(comm, level)
+    try:
+        made = simulated_again(comm, case, level.regularisation, simulated, 1.0)
+    except NoEquilibriumError as caught:
+        yield Row(*place, "alone", None, note=str(caught))
+        return
+    for metric in made.poses[0].problem.metrics:
+        if metric.target is not None:
+            figure = metric.figure(made.metrics[metric.key])
+            part = largest_part([figure])
+            yield Row(*place, f"alone_{metric.key}", figure.value, metric.unit, note=f"{part:.3g}")
+
+
+def scene_rows(
+    place: tuple[str, str, str], scene: Any, seed: int, changes: Mapping[str, Any]
+) -> Iterator[Row]:
+    """Design a scene from a seed; its figures that have a target, and the worst of them."""
+    scene = scene.coarse()
     known = {key: value for key, value in changes.items() if key in scene.described()}
     try:
         found, seconds = designed(scene.updated(**known, seed=seed))
@@ -226,6 +287,12 @@ def cases(quick: bool) -> list[Case]:
         for seed in (range(1, 2) if quick else SEEDS)
         for title in (["S of 60° and −60°"] if quick else PRODUCTS)
     ]  # fmt: skip
+    found += [
+        Case("poses", partial(pose_rows, title, seed, QUICK if quick else {}),
+             f"{title}, seed {seed}", alone=True)
+        for seed in (range(1, 2) if quick else POSE_SEEDS)
+        for title in ([*POSES][:1] if quick else POSES)
+    ]  # fmt: skip
     runs = [(bend, GIVEN, seed, {}) for seed in BEND_SEEDS for bend in BENDS]
     runs += [(one, p, seed, {}) for seed in BEND_SEEDS for p in OTHERS for one in OF_OTHERS]
     runs += [(bend, GIVEN, BEND_SEEDS[0], {"power": PAPER}) for bend in BENDS]
@@ -249,9 +316,33 @@ def cases(quick: bool) -> list[Case]:
 
 def products_table(rows: Rows) -> str:
     """Return a line for each product: how often it reaches, by value and certainly; the worst."""
+    return _reached([row for row in rows if row.case == "products"], "product", PRODUCTS)
+
+
+def poses_table(rows: Rows) -> str:
+    """Return a line for each pair of poses, as of products, and what one pose alone gives."""
+    own = [row for row in rows if row.case == "poses"]
+    table = _reached(own, "poses", POSES)
+    alone: dict[str, list[Row]] = {}
+    for row in own:
+        if row.figure.startswith("alone_"):
+            alone.setdefault(row.variant.rpartition(", seed ")[0], []).append(row)
     lines = []
-    for title in PRODUCTS:
-        own = [r for r in rows if r.case == "products" and r.variant.startswith(f"{title}, s")]
+    for title, of in alone.items():
+        unit = of[0].unit
+        values = [row.value for row in of if row.value is not None]
+        ends = dict.fromkeys(formatted(end, unit, 3) for end in (min(values), max(values)))
+        off = [float(row.note) for row in of]
+        lines.append((title, " to ".join(ends), f"{min(off):.2g} to {max(off):.2g}"))
+    head = ("poses", "figure of the second pose", "miss over its tolerance")
+    beside = "Prints that were designed for the first pose alone, in the second:"
+    return f"{table}\n\n{beside}\n\n{markdown(head, lines)}"
+
+
+def _reached(of_case: Rows, name: str, titles: Iterable[str]) -> str:
+    lines = []
+    for title in titles:
+        own = [row for row in of_case if row.variant.startswith(f"{title}, s")]
         own = [row for row in own if row.figure == "worst" or state_in(row)]
         ends = [row for row in own if row.figure == "worst"]
         if not ends:
@@ -269,7 +360,7 @@ def products_table(rows: Rows) -> str:
         worst = f"{max(values):.2g}" if np.isfinite(max(values)) else NONE
         counts = f"{by_value} of {count}", f"{certain} of {count}"
         lines.append((title, *counts, worst, "; ".join(shown), f"{seconds:.0f} s"))
-    head = ("product", "by value", "certain", "worst figure over its tolerance",
+    head = (name, "by value", "certain", "worst figure over its tolerance",
             "figures: least to largest, largest half-width", "median CPU time")  # fmt: skip
     return markdown(head, lines)
 
@@ -375,6 +466,7 @@ COMMAND = Command(
     serial=True,
     tables=(
         Table("../demos/README.md", "products from several seeds", products_table),
+        Table("how_to/poses.md", "poses from several seeds", poses_table),
         Table("../README.md", "products in short", products_in_short),
         Table("optimisation.md", "bends and pressures", bends_table),
         Table("optimisation.md", "reproducible runs", kernels_table),
