@@ -24,7 +24,7 @@ from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
 from benchmarks.intervals import held_between
 from toros_fem.base.scene import Scene
 from toros_fem.making.drawing import write_template
-from toros_fem.products.fitting.inflation import CONSTANTS, InflatedSkin, Readings, fit_inflation
+from toros_fem.products.fitting.inflation import CONSTANTS, MeasuredSkin, Readings, fit_inflation
 from toros_fem.products.inflate import InflateScene
 from toros_fem.products.tubes import TwistScene
 
@@ -71,15 +71,15 @@ SKINS = {
 
 
 @cache
-def inflated(name: str, finer: float = 1.0) -> InflatedSkin:
+def inflated(name: str, finer: float = 1.0) -> MeasuredSkin:
     """Return a skin on the mesh of the fit, or on a finer one."""
     scene: Any = SKINS[name].scene
     edges = ["edge_length", "print_edge_length"][: 1 + (not isinstance(scene, InflateScene))]
     scene = scene.updated(**{edge: finer * scene.value(edge) for edge in edges})
     if isinstance(scene, InflateScene):
-        return InflatedSkin(MPI.COMM_SELF, scene)
+        return MeasuredSkin(MPI.COMM_SELF, scene)
     with tempfile.TemporaryDirectory() as folder:
-        return InflatedSkin(MPI.COMM_SELF, scene, helices(scene, Path(folder) / "helices.geojson"))
+        return MeasuredSkin(MPI.COMM_SELF, scene, helices(scene, Path(folder) / "helices.geojson"))
 
 
 def helices(scene: Any, file: Path) -> Path:

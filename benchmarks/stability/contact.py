@@ -34,8 +34,7 @@ from toros_fem.mechanics.skin.supports import Supports, clamp, pin, symmetry_pla
 from toros_fem.meshes import Pattern, cylinder, finger, sew
 from toros_fem.meshes.outlines import two_panels
 from toros_fem.meshes.sheets import one_panel
-from toros_fem.products.gripper import gripper
-from toros_fem.products.walker import walker
+from toros_fem.products import gripper, walker
 
 # Wall time in s after which a scene counts as slow.
 LONGEST = 100.0

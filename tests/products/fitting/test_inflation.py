@@ -12,8 +12,8 @@ from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.products.fitting.inflation import (
     CONSTANTS,
     DIFFERENCE,
-    InflatedSkin,
     InflationFit,
+    MeasuredSkin,
     Readings,
     fit_inflation,
     read_inflation,
@@ -31,8 +31,8 @@ PRESSURES = np.linspace(2e3, 20e3, 10, dtype=np.float64)
 
 
 @cache
-def tube() -> InflatedSkin:
-    return InflatedSkin(MPI.COMM_SELF, SCENE)
+def tube() -> MeasuredSkin:
+    return MeasuredSkin(MPI.COMM_SELF, SCENE)
 
 
 @cache
@@ -94,7 +94,7 @@ def test_intervals_allow_for_what_is_held() -> None:
     """Of exact readings they are what 20 % more or less of Poisson's ratio makes of them."""
     readings = Readings(PRESSURES, exact())
     found = fit_inflation(tube(), readings).estimates
-    other = InflatedSkin(MPI.COMM_SELF, SCENE.updated(poisson=1.2 * TRUE["poisson"]))
+    other = MeasuredSkin(MPI.COMM_SELF, SCENE.updated(poisson=1.2 * TRUE["poisson"]))
     moved = fit_inflation(other, readings).estimates
     for name in ("fabric_young", "along_over_around"):
         half = found[name].value - found[name].low
@@ -132,7 +132,7 @@ def test_print_of_a_twisted_tube(tmp_path: Path) -> None:
     scene = TwistScene().coarse().updated(
         length=0.03, edge_length=3.4e-3, print_edge_length=3.4e-3, pressure=8e3, cross_sections=4
     )  # fmt: skip
-    skin = InflatedSkin(MPI.COMM_SELF, scene, helices(scene, tmp_path / "helices.geojson"))
+    skin = MeasuredSkin(MPI.COMM_SELF, scene, helices(scene, tmp_path / "helices.geojson"))
     true = {"reinforcement_young": 80e6, "fabric_young": 0.11e6}
     pressures = np.linspace(2e3, 8e3, 5, dtype=np.float64)
     values = skin.measured(pressures, true)
@@ -189,7 +189,7 @@ def test_faults_name_their_line(tmp_path: Path, text: str, message: str) -> None
 
 def test_refusals() -> None:
     with pytest.raises(ParameterError, match="'tile' is no skin that is inflated"):
-        InflatedSkin(MPI.COMM_SELF, TileScene())
+        MeasuredSkin(MPI.COMM_SELF, TileScene())
     with pytest.raises(ParameterError, match="'angle_deg' is no metric of this skin"):
         fit_inflation(tube(), Readings(PRESSURES, {"angle_deg": PRESSURES}))
     with pytest.raises(ParameterError, match="none below the one before"):

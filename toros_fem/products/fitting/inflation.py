@@ -119,7 +119,7 @@ class Readings:
         return np.array([*self.values.values()])
 
 
-class InflatedSkin:
+class MeasuredSkin:
     """A skin that was inflated: a plain tube, or an actuator with its print (collective).
 
     Args:
@@ -323,7 +323,7 @@ class InflationFit:
         return "\n".join(lines)
 
 
-def fit_inflation(skin: InflatedSkin, readings: Readings) -> InflationFit:
+def fit_inflation(skin: MeasuredSkin, readings: Readings) -> InflationFit:
     """Fit the constants of an inflated skin to what was measured of it (collective).
 
     Of a plain tube these are Young's modulus, its ratio along over around where diameter and length
@@ -348,7 +348,7 @@ def fit_inflation(skin: InflatedSkin, readings: Readings) -> InflationFit:
 class _Search:
     """Least squares over the constants, of which some are held."""
 
-    def __init__(self, skin: InflatedSkin, readings: Readings) -> None:
+    def __init__(self, skin: MeasuredSkin, readings: Readings) -> None:
         self.skin, self.readings, self.before = skin, readings, skin.simulations
         self.names = names = skin.constants(readings)
         self.first = np.log([v - CONSTANTS[name].begin for name, v in skin.start(names).items()])
