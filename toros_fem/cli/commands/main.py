@@ -53,7 +53,7 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
         "tolerance": "Simulates a print with wrong widths, materials and pressure",
         "force": "Says how the free end of a design pushes if blocked, and how stiff it is",
         "unwrap": "Cuts a surface along seams and lays it flat as a sewing pattern",
-        "fit": "Fits a material to tensile tests",
+        "fit": "Fits a material to tensile tests, or to an inflated skin",
         "doctor": "Says what the package runs on, and tries it",
     }
 )
