@@ -1,5 +1,7 @@
 """Figures say how sure they are, and are reached only where their whole interval is."""
 
+from dataclasses import replace
+
 import pytest
 
 from toros_fem.measures.figures import (
@@ -7,6 +9,7 @@ from toros_fem.measures.figures import (
     State,
     Tolerances,
     formatted,
+    largest_part,
     overall,
     split_key,
     verdict_of,
@@ -146,3 +149,24 @@ def test_the_worst_figure_decides() -> None:
 def test_rounded_numbers_agree_with_their_state(figure: Figure, why: str) -> None:
     """They are not off by nothing, and not within the tolerance where the state says missed."""
     assert figure.why == why
+
+
+@pytest.mark.parametrize(
+    ("value", "interval", "state"),
+    [
+        (1.5, 0.2, State.REACHED),
+        (1.5, None, State.NOT_CERTAIN),
+        (0.99, 0.01, State.REACHED),
+        (0.99, 0.1, State.NOT_CERTAIN),
+        (0.9, 0.02, State.MISSED),
+        (0.9, None, State.MISSED),
+    ],
+)
+def test_a_least_value_has_one_side(value: float, interval: float | None, state: State) -> None:
+    """More is as good; what lacks counts over the tolerance."""
+    figure = Figure("force", "n", value, interval, 1.0, 0.05, at_least=True)
+    assert figure.state is state
+    assert figure.asked == "at least 0.95 N"
+    assert largest_part([figure]) == pytest.approx(max(0.0, (1 - value) / 0.05))
+    assert figure.as_dict()["at_least"]
+    assert "at_least" not in replace(figure, at_least=False).as_dict()

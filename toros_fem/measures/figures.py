@@ -95,6 +95,7 @@ class Figure:
         interval: Half-width of the interval that holds the true value; None if it is unknown.
         target: Value that was asked for; None if none was.
         tolerance: Distance from the target that counts as reached; None where nothing decides.
+        at_least: Whether more than the target is as good.
     """
 
     name: str
@@ -103,6 +104,7 @@ class Figure:
     interval: float | None = None
     target: float | None = None
     tolerance: float | None = None
+    at_least: bool = False
 
     @property
     def key(self) -> str:
@@ -116,8 +118,11 @@ class Figure:
 
     @property
     def miss(self) -> float | None:
-        """Value minus target; None where one of them is missing."""
-        return None if self.value is None or self.target is None else self.value - self.target
+        """Value minus target; 0 beyond one that is a least value; None where one is missing."""
+        if self.value is None or self.target is None:
+            return None
+        off = self.value - self.target
+        return min(off, 0.0) if self.at_least else off
 
     @property
     def state(self) -> State | None:
@@ -131,7 +136,8 @@ class Figure:
             return None
         if self.value is None:
             return State.MISSED
-        off = abs(self.value - self.target)
+        off = self.target - self.value
+        off = off if self.at_least else abs(off)
         if off - (self.interval or 0.0) > self.tolerance:
             return State.MISSED
         if self.interval is not None and off + self.interval <= self.tolerance:
@@ -141,7 +147,10 @@ class Figure:
     def as_dict(self) -> dict[str, Any]:
         """Return it as summaries hold it."""
         reached = {State.REACHED: True, State.MISSED: False}.get(self.state)  # type: ignore[arg-type]
-        return {**asdict(self), "state": self.state, "reached": reached}
+        found = {**asdict(self), "state": self.state, "reached": reached}
+        if not self.at_least:
+            del found["at_least"]
+        return found
 
     def rounded(self, value: float, *, unit: bool = True) -> str:
         """Return a value, or a change of it, with no more digits than the error supports.
@@ -194,6 +203,8 @@ class Figure:
         within = self.allowed
         if self.target == 0:
             return f"at most {within}"
+        if self.at_least:
+            return f"at least {formatted(self.target - self.tolerance, self.unit, 3)}"
         target = formatted(self.target, self.unit).removesuffix(unit_of(self.unit).sign)
         return f"{target} ± {within}"
 

@@ -59,6 +59,7 @@ class Metric:
         measure: Function that returns the computed value in that unit.
         scale: Distance from the target that counts as much as the whole target of another metric;
             None takes the size of the target.
+        at_least: Whether more than the target is as good.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Metric:
     target: float | None
     measure: MetricFunction
     scale: float | None = None
+    at_least: bool = False
 
     def __post_init__(self) -> None:
         for name in ("name", "unit"):
@@ -135,7 +137,8 @@ class Metric:
             scale = self.scale or SCALES.get(self.unit, 0.0)
             size = abs(self.target) if abs(self.target) > TINY * scale else scale
             allowed = tolerance * max(size, LEAST.get(self.unit, 0.0) / TOLERANCE) or None
-        return Figure(self.name, self.unit, value, interval, self.target, allowed)
+        told = value, interval, self.target, allowed, self.at_least
+        return Figure(self.name, self.unit, *told)
 
 
 def check_metrics(metrics: Sequence[Metric]) -> None:

@@ -273,7 +273,7 @@ class TipLoad(Table):
         "slide along z and turn; none leaves it free",
     )
     blocked_force: Annotated[float, In("N", above=0)] = key(
-        1.0, "force along x with which the tip shall push where it is held"
+        1.0, "least force along x with which the tip shall push where it is held"
     )
 
     NEEDS: ClassVar = {"blocked_force": ("blocked_angle", ())}

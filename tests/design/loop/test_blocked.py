@@ -8,7 +8,7 @@ from helpers.loops import OneEntry, Stopped, figures
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.design.loop.blocked import Blocked
+from toros_fem.design.loop.blocked import Blocked, ForceObjective
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
@@ -49,6 +49,12 @@ def test_the_push_is_that_of_the_supports(comm: MPI.Comm, tube: Pattern) -> None
     force = wrench(of_tip.problem.solver, of_tip.equilibrium, ["tip"])
     assert made.metrics["blocked_force_n"] == pytest.approx(-force[0])
     assert of_tip.shape == pytest.approx(0.5 * (-force[0] / 0.5 - 1) ** 2)
+    # More than what is asked for is as good.
+    less = ForceObjective(replace(blocked, force=0.5, direction=(-1, 0, 0)), 1)
+    assert less.push(force) == pytest.approx(force[0])
+    easy = ForceObjective(replace(less.blocked, force=0.5 * force[0]), 1)
+    assert easy.forward(force) == 0
+    assert not np.any(easy.backward(force))
     positions = of_tip.problem.solver.positions(of_tip.equilibrium)
     assert blocked.pose_at(tube, positions) == pytest.approx(ASIDE, abs=1e-9)
 

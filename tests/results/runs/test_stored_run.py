@@ -43,7 +43,9 @@ def test_every_file_of_a_run_is_in_the_table() -> None:
     written = {name.partition("/")[0] for name, runs in rows if runs - OTHERS}
     known = {name.partition("/")[0] for name in FILES}
     assert written <= known
-    assert all(name.endswith((".gif", ".apng")) for name in known - written - {"wrinkles.png", "poses.png"})
+    assert all(
+        name.endswith((".gif", ".apng")) for name in known - written - {"wrinkles.png", "poses.png"}
+    )
 
 
 def test_the_tutorial_names_files_of_the_table() -> None:

@@ -244,7 +244,7 @@ class Fit(Command, FitOptions, _Entry, _Unsaid, _OfSkin, kw_only=True):
             what = "one file of readings" if not idle else f"no --{idle[0].replace('_', '-')}"
             raise UsageError(f"with --scene, `toros fit` takes {what}.")
         scene = read_scene(file, comm=comm, coarse=self.coarse).config
-        skin = inflation.InflatedSkin(comm, scene, self.pattern)
+        skin = inflation.MeasuredSkin(comm, scene, self.pattern)
         read = partial(inflation.read_inflation, self.data[0], scene, skin.metrics)
         result = inflation.fit_inflation(skin, on_first_rank(comm, read))
         inflation.write_inflation(comm, self.output, result)

@@ -46,7 +46,7 @@ class Blocked:
         pose: Shift in m of the centre of its area and rotation vector in rad, (6,), from where it
             is assembled; where a free component begins.
         direction: Direction that the push is counted along, (3,), of any length.
-        force: Force in N of the whole skin that is asked for, > 0.
+        force: Least force in N of the whole skin that is asked for, > 0.
         free: Whether x, y, z of the centre and the turns about x, y, z are free, (6,).
 
     Raises:
@@ -89,7 +89,7 @@ class Blocked:
 
 @dataclass(frozen=True, eq=False)
 class ForceObjective:
-    """Half the square of the miss of the push over the force that is asked for."""
+    """Half the square of what the push lacks, over the force that is asked for."""
 
     blocked: Blocked
     parts: int
@@ -98,14 +98,18 @@ class ForceObjective:
         """Return the push of the whole skin in N, from the wrench of the supports of a part."""
         return -self.parts * float(self.blocked.way @ of_supports[:3])
 
+    def miss(self, of_supports: Floats) -> float:
+        """Return what the push is over the force that is asked for, less 1; 0 beyond it."""
+        return min(self.push(of_supports) / self.blocked.force - 1, 0.0)
+
     def forward(self, of_supports: Floats) -> float:
         """Return the objective of the wrench of the supports, (6,)."""
-        return 0.5 * (self.push(of_supports) / self.blocked.force - 1) ** 2
+        return 0.5 * self.miss(of_supports) ** 2
 
     def backward(self, of_supports: Floats) -> Floats:
         """Return its derivative by the wrench, (6,)."""
-        miss = self.push(of_supports) / self.blocked.force - 1
-        slope = -self.parts * self.blocked.way * miss / self.blocked.force
+        by_push = self.miss(of_supports) / self.blocked.force
+        slope = -self.parts * self.blocked.way * by_push
         return np.concatenate([slope, np.zeros(3)])
 
 
@@ -183,7 +187,7 @@ class BlockedDesign(ShapeDesign):
         )
         self.objective, self.target = ForceObjective(blocked, self.parts), None
         name = f"{case.name}_force"
-        self.metrics = [Metric(name, "n", blocked.force, lambda *_: float("nan"))]
+        self.metrics = [Metric(name, "n", blocked.force, lambda *_: float("nan"), at_least=True)]
         self._of_case = self.objective, self.metrics
 
     def metrics_of(self, response: Equilibrium) -> dict[str, float]:

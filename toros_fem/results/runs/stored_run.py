@@ -234,7 +234,7 @@ def read_content(folder: Path) -> dict[str, Any]:
 
 def _figure(row: Mapping[str, Any]) -> Figure:
     """Return the figure of an entry; a KeyError, TypeError or ValueError says that it is none."""
-    found = Figure(*(row[one.name] for one in fields(Figure)))
+    found = Figure(*(row.get(one.name, one.default) for one in fields(Figure)))
     named = isinstance(found.name, str) and isinstance(found.unit, str)
     widths = (found.interval, found.tolerance)
     numbers = [one for one in (found.value, found.target, *widths) if one is not None]
