@@ -146,11 +146,12 @@ POSES: dict[str, Callable[[], BendScene]] = {
     "90° at 8 kPa, free and with 20 g": lambda: posed(
         {"hung_mass": 0.02}, angle=90.0, pressure=8e3
     ),
-    "60° at 15 kPa, blocked at 30° with 0.95 N": lambda: posed(
-        {"blocked_angle": 30.0, "blocked_force": 0.95, "importance": 0.25},
+    "60° at 15 kPa, blocked at 30° with 0.93 N": lambda: posed(
+        {"blocked_angle": 30.0, "blocked_force": 0.93, "importance": 0.25},
         angle=60.0,
         pressure=15e3,
         length=0.09,
+        shape_tolerance=0.08,  # the angle and the force count; the tube may lengthen
     ),
 }
 POSE_SEEDS = range(1, 5)
