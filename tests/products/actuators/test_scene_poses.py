@@ -12,6 +12,7 @@ from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.cli.scene_files import read_scene, scene_text
 from toros_fem.measures.figures import largest_part
 from toros_fem.mechanics.terms.loads import GRAVITY
+from toros_fem.products.actuators.cost import OF_RANK
 from toros_fem.products.actuators.pressure import OTHER_SHAPE
 from toros_fem.products.tubes import BendScene, TwistScene
 from toros_fem.results.runs.stored_run import read_run
@@ -138,3 +139,9 @@ def test_a_run_tells_all_poses(
     assert [frame.number for frame in frames] == [1, 2, 3]
     assert len({frame.skin for frame in frames}) >= 2, "poses have targets of their own"
     assert (tmp_path / "poses.png").stat().st_size > 10_000
+
+
+def test_each_pose_takes_memory(alone: MPI.Comm, tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, POSES).updated(edge_length=5e-3)
+    three, one = (of.expected_cost(alone).memory for of in (scene, BendScene.of(edge_length=5e-3)))
+    assert three - OF_RANK == pytest.approx(3 * (one - OF_RANK))

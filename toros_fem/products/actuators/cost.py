@@ -58,6 +58,7 @@ class Cost:
         placing: Why the panels fit on no bed of the default size, so that the design has no machine
             files; None if they fit, or if that is not known.
         doubts: What is doubtful about the target, as of `target_doubts`.
+        poses: Number of poses, each of which has a solver.
     """
 
     triangles: int
@@ -67,11 +68,15 @@ class Cost:
     beside: int = 0
     placing: str | None = None
     doubts: Sequence[str] = ()
+    poses: int = 1
 
     @property
     def memory(self) -> float:
         """Bytes of all ranks together, to about a quarter."""
-        own, largest = OF_TRIANGLE * self.triangles, OF_REFINED * self.largest
+        own, largest = (
+            self.poses * bytes_each * count
+            for bytes_each, count in ((OF_TRIANGLE, self.triangles), (OF_REFINED, self.largest))
+        )
         work = self.beside * own + largest if self.beside else max(own, largest)
         return self.ranks * OF_RANK + work * (1.2 if self.ranks > 1 else 1.0)
 
@@ -100,7 +105,8 @@ def actuator_cost(comm: MPI.Comm, scene: DesignScene, *, from_print: bool = Fals
         lines = scene.design.start == "relaxed" and not from_print
         beside = 2 if lines and scene.design.corrections else 1
     unknowns = round(_unknowns(made) * finest)
-    return Cost(finest, largest, unknowns, comm.size, beside, placing, doubtful)
+    poses = 1 if made is None else 1 + len(made.poses)
+    return Cost(finest, largest, unknowns, comm.size, beside, placing, doubtful, poses)
 
 
 def expected_time(comm: MPI.Comm, scene: DesignScene, cost: Cost) -> tuple[float, float]:
