@@ -351,11 +351,13 @@ def patterns_without_islands(result: DesignResult, printed: PrintedDesign) -> li
     Those without an equilibrium are left out, unless none has one (collective).
     """
     problem, near = result.problem, result.final.equilibrium
+    states = [one.equilibrium.state for one in result.final.every]
+    start = tuple(states) if problem.poses else near.state
     patterns, objectives = without_free_islands(problem, result, printed), list[float]()
     for density in patterns:
         objectives.append(np.inf)
         with suppress(NoEquilibriumError):  # raised by all ranks or by none
-            found = problem.simulate(density, near.state, near.pressures, trial=True)
+            found = problem.simulate(density, start, near.pressures, trial=True)
             objectives[-1] = found.objective
     least_first = np.argsort(objectives, kind="stable")
     return [patterns[k] for k in least_first if np.isfinite(objectives[k])] or [*patterns[:1]]

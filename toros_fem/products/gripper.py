@@ -174,6 +174,7 @@ class GripperScene(ActuatorScene):
     OUTLINE: ClassVar = {"root": "root_length"}
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         sizes = self.skin
         if not sizes.root_length <= sizes.stem_length < sizes.finger_length:
             raise ParameterError(

@@ -162,6 +162,7 @@ class WalkerScene(ActuatorScene):
         "constrained_iterations": 3 / 4,
     }
 
+    POSE_TABLES: ClassVar = ("target", "pressure")  # the gait alone knows contact
     OUTLINE: ClassVar = {
         "arm_length": "leg_length",
         "arm_width": "leg_width",
@@ -174,6 +175,7 @@ class WalkerScene(ActuatorScene):
     }
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         pads = ("pad_length",) if self.contact.feet == "one-way" else ()
         for name in ("foot_length", "bent_length", *pads):
             length, leg = self.value(name), self.skin.leg_length

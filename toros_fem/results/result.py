@@ -350,9 +350,8 @@ class PrintedResult(RunResult):
 
     def _stretched(self) -> list[str]:
         made = self.printed.evaluation
-        if made is None or made.equilibrium.stretch_use < STRETCHED:
-            return []
-        return [f"{made.equilibrium.stretch_use:.0%} of the stretch bounds are used"]
+        used = 0.0 if made is None else max(one.equilibrium.stretch_use for one in made.every)
+        return [f"{used:.0%} of the stretch bounds are used"] if used >= STRETCHED else []
 
     def _cleaned_away(self) -> list[str]:
         """Return how cleaning changed the print."""

@@ -13,6 +13,8 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_design import Regularisation, ShapeDesign
+from toros_fem.mechanics.contact.contact import Contact
+from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.paths.rigid_panels import wrench
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, bend, cylinder
@@ -102,6 +104,11 @@ def test_what_does_not_fit_is_told(alone: MPI.Comm) -> None:
     good = Blocked("tip", ASIDE, (1, 0, 0), 0.3)
     with pytest.raises(ParameterError, match="give it to one of `poses`"):
         ShapeDesign(alone, replace(case_of(tube, good), blocked=good), PLAIN)
+    ball = Contact(bodies=[rigid_sphere("ball", 0.01, (0.1, 0.0, 0.0))])
+    case = case_of(tube, good)
+    touched = replace(case, poses=[replace(case.poses[0], contact=ball)])
+    with pytest.raises(ParameterError, match="has a blocked panel and contact"):
+        ShapeDesign(alone, touched, PLAIN)
     with pytest.raises(ParameterError, match="give the direction of the push"):
         replace(good, direction=(0, 0, 0))
     with pytest.raises(ParameterError, match="force = 0"):

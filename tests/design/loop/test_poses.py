@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from helpers.loops import OneEntry, Stopped, figures
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.base.errors import ParameterError
+from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.validation import Floats
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.levels import gathered
@@ -180,6 +182,17 @@ WRONG: list[tuple[Callable[[Pattern, MPI.Comm], dict[str, object]], str]] = [
         "are prescribed",
     ),
     (lambda _, __: {"poses": ["half"]}, "must be a list of Cases"),
+    (
+        lambda tube, _: {"poses": [pose(tube, 9.0, 1e3, name=name) for name in ("a", "a")]},
+        "two poses are named 'a'",
+    ),
+    (
+        lambda tube, _: {
+            "metrics": [replace(angle(9.0), name="pose_2_angle")],
+            "poses": [pose(tube, 9.0, 1e3)],
+        },
+        "two metrics are named 'pose_2_angle_deg'",
+    ),
     (lambda _, __: {"importance": 0.0}, "importance = 0"),
 ]
 
@@ -189,6 +202,22 @@ def test_what_does_not_fit_is_told(
     alone: MPI.Comm, given: Callable[[Pattern, MPI.Comm], dict[str, object]], words: str
 ) -> None:
     tube = cylinder(alone, LENGTH, 0.02, 6e-3)
-    case = pose(tube, 40.0, 6e3, composite=tf.Composite(), **given(tube, alone))
+    case = pose(tube, 40.0, 6e3, **{"composite": tf.Composite(), **given(tube, alone)})
     with pytest.raises(ParameterError, match=words):
         ShapeDesign(alone, case, PLAIN)
+
+
+def test_a_lost_pose_is_named(alone: MPI.Comm) -> None:
+    tube = cylinder(alone, LENGTH, 0.02, 6e-3)
+    case = pose(tube, 20.0, 2e3, poses=[pose(tube, 20.0, 2e3), pose(tube, 20.0, 5e3)])
+    design = ShapeDesign(alone, case, PLAIN)
+
+    def respond(*_: object, trial: bool) -> None:
+        raise NoEquilibriumError("nothing holds it.")
+
+    lost: Any = SimpleNamespace(pressures=(5e3,), respond=respond)
+    design.poses[1].physics = lost
+    with pytest.raises(NoEquilibriumError, match="pose 3: nothing holds it"):
+        design.simulate(design.fields.start(2), trial=True)
+    with pytest.raises(ParameterError, match="has 0 further poses, the design 2"):
+        design.towards(replace(case, poses=()))

@@ -2,6 +2,8 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,11 +12,14 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import FileError, ParameterError
 from toros_fem.cli.scene_files import read_scene, scene_text
+from toros_fem.design.loop.blocked import Blocked
 from toros_fem.measures.figures import largest_part
 from toros_fem.mechanics.terms.loads import GRAVITY
+from toros_fem.products.actuators import corrections
 from toros_fem.products.actuators.cost import OF_RANK
 from toros_fem.products.actuators.pressure import OTHER_SHAPE
 from toros_fem.products.tubes import BendScene, TwistScene
+from toros_fem.products.walker import WalkerScene
 from toros_fem.results.runs.stored_run import read_run
 
 HEAD = 'kind = "bend"\n[target]\nangle = 60\n[pressure]\npressure = "6 kPa"\n'
@@ -87,6 +92,37 @@ def test_a_written_scene_reads_the_same(tmp_path: Path) -> None:
 def test_wrong_keys_are_told(tmp_path: Path, pose: str, words: str) -> None:
     with pytest.raises(FileError, match=words):
         scene_of(tmp_path, f"{HEAD}[[pose]]\n{pose}\n")
+
+
+def test_names_of_poses_differ(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="line 9.*name = 'a' is that of two poses"):
+        scene_of(tmp_path, f'{HEAD}[[pose]]\nname = "a"\n[[pose]]\nname = "a"\n')
+
+
+def test_what_the_first_pose_cannot_have(alone: MPI.Comm) -> None:
+    scene = BendScene.of(blocked_angle=30.0, edge_length=5e-3)
+    with pytest.raises(ParameterError, match=r"Write it in a table \[\[pose\]\]"):
+        scene.case_of_poses(alone, scene.finest_level)
+
+
+def test_robots_check_their_poses() -> None:
+    """A walker knows contact in its gait alone."""
+    with pytest.raises(ParameterError, match="unknown key 'friction'"):
+        WalkerScene(poses=({"friction": 0.3},))
+    with pytest.raises(ParameterError, match="bent_length"):
+        WalkerScene(poses=({"bent_length": 3.0},))
+
+
+@pytest.mark.parametrize(("asked", "pushes", "next_asked"), [(0.9, 0.8, 1.0), (0.9, 3.0, 0.9)])
+def test_a_push_beyond_what_is_asked_stays(asked: float, pushes: float, next_asked: float) -> None:
+    """A least force is not asked down."""
+    blocked = Blocked("tip", (0.0,) * 6, (1.0, 0.0, 0.0), 0.9)
+    case = SimpleNamespace(blocked=blocked, asks=np.array(0.9))
+    of = SimpleNamespace(metrics_of=lambda _: {"pose_2_force_n": pushes}, case=case)
+    printed: Any = SimpleNamespace(problem=of, equilibrium=None)
+    problem: Any = of
+    found = corrections._target(problem, printed, printed, np.array(asked))
+    assert found == pytest.approx(next_asked)
 
 
 def test_lines_are_laid_for_one_pose() -> None:

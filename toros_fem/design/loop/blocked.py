@@ -12,6 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     Floats,
+    Ints,
     checked_bools,
     checked_floats,
     require_kind,
@@ -33,6 +34,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import (
     clamp,
     rigid_displacement,
+    vertices_of_panels,
 )
 from toros_fem.meshes.pattern import Pattern
 
@@ -129,9 +131,13 @@ class BlockedSkin(InflatedSkin):
             load = replace(load, displacement=blocked.displacement(pattern, pose))
             # The force of a trial would be that of an incomplete equilibrium.
             return self.solver.solve(projected, load, start)
+        positions = None
         if isinstance(start, Equilibrium):
-            near = blocked.pose_at(pattern, self.solver.positions(start))
-            pose = np.where(blocked.free, near, pose)
+            positions = self.solver.positions(start)
+        elif start is not None and np.ndim(start) == 2:  # positions of the owned nodes
+            positions = self.solver.skin.gather_vertices(start)
+        if positions is not None:
+            pose = np.where(blocked.free, blocked.pose_at(pattern, positions), pose)
         panels = [blocked.panel]
         found, _ = solve_rigid(
             self.solver, projected, load, panels, free=blocked.free, pose=pose, start=start
@@ -154,17 +160,22 @@ class BlockedSkin(InflatedSkin):
         return Residuals(lambda _: np.zeros(0), [], np.zeros((0, len(self.pressures))))
 
     def save(self, response: Equilibrium) -> Saved:
-        """Return the unknowns by original index, the numbers, and the pose of the panel."""
+        """Return the unknowns by original index, the numbers, and how the panel is moved."""
         unknowns, numbers = self.solver.save(response)
-        pose = self.blocked.pose_at(self.solver.skin.pattern, self.solver.positions(response))
-        return unknowns, {**numbers, "blocked_pose": pose.tolist()}
+        moved = response.load.displacement
+        assert moved is not None
+        return unknowns, {**numbers, "moved": moved[self._vertices].tolist()}
+
+    @property
+    def _vertices(self) -> Ints:
+        return vertices_of_panels(self.solver.skin.pattern, [self.blocked.panel])
 
     def restore(
         self, projected: Floats, unknowns: Floats, numbers: Mapping[str, Any]
     ) -> Equilibrium:
         """Return the equilibrium, with its tangent factorised (collective)."""
-        pose = np.array(numbers["blocked_pose"])
-        moved = self.blocked.displacement(self.solver.skin.pattern, pose)
+        moved = np.zeros_like(self.solver.skin.pattern.points)
+        moved[self._vertices] = numbers["moved"]
         load = Load(0.0, self.force, moved)
         return self.solver.restore(projected, unknowns, numbers, load)
 

@@ -167,6 +167,7 @@ class Case:
         force, supports = self._acting, self.supports
         return (
             other.blocked is None
+            and self.chambers is None
             and np.array_equal(force, other._acting)
             and np.array_equal(supports.fixed, other.supports.fixed)
             and supports.displacement is other.supports.displacement

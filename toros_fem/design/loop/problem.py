@@ -13,6 +13,7 @@ from typing import Any, Generic, Protocol, Self
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.validation import Bools, Floats
 from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.loop.fields import Fields
@@ -309,9 +310,13 @@ class DesignProblem(Generic[R]):
         starts = start if isinstance(start, tuple) else (start,)
         responses = [self.physics.respond(projected, starts[0], pressure, trial=trial)]
         factor = self._factor(responses[0].pressures)
-        for pose, near in zip_longest(self.poses, starts[1:]):
+        for number, (pose, near) in enumerate(zip_longest(self.poses, starts[1:]), 2):
             pressures = [factor * own for own in pose.physics.pressures]
-            responses.append(pose.physics.respond(projected, near, pressures, trial=trial))
+            try:
+                responses.append(pose.physics.respond(projected, near, pressures, trial=trial))
+            except NoEquilibriumError as caught:  # raised by all ranks or by none
+                caught.args = (f"pose {number}: {caught}", *caught.args[1:])
+                raise
         return responses
 
     def _factor(self, pressures: Sequence[float]) -> float:

@@ -301,6 +301,7 @@ class ShapeDesign(ShapeProblem):
             )
             for pose in poses_of(case)
         ]
+        check_metrics(self.all_metrics)
         self._of_case = self.objective, self.metrics
         if r.perimeter_weight is not None:
             require_positive(perimeter_weight=r.perimeter_weight)
@@ -333,6 +334,11 @@ class ShapeDesign(ShapeProblem):
             parts_of_whole=case.parts_of_whole,
             poses=case.poses,
         )
+        if len(case.poses) != len(self.poses):
+            raise ParameterError(
+                f"the case has {len(case.poses)} further poses, the design {len(self.poses)}; give "
+                "as many."
+            )
         made = case.objective(self.skin)
         poses = [own.towards(pose) for own, pose in zip(self.poses, case.poses, strict=True)]
         of_case = made, self._of_case[1]
@@ -430,7 +436,19 @@ def _require_poses(case: Case) -> None:
         raise ParameterError(f"poses = {shown(case.poses)} must be a list of Cases.")
     if case.blocked is not None:
         raise ParameterError("blocked is given to the first pose; give it to one of `poses`.")
+    names = [pose.name for pose in poses_of(case)]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ParameterError(
+            f"two poses are named {twice!r}: figures of one would overwrite those of the other. "
+            "Give each its own name."
+        )
     for pose in poses:
+        if pose.blocked is not None and pose.contact is not None:
+            raise ParameterError(
+                f"the pose {pose.name!r} has a blocked panel and contact, and the stiffness of a "
+                "panel in contact is not known. Leave one of them out."
+            )
         if pose.poses:
             raise ParameterError("a pose has poses of its own: give all of them to the first case.")
         if not (

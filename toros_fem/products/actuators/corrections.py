@@ -170,9 +170,9 @@ def _target(
 ) -> Floats:
     """Return what to ask of a pose for what its print missed, where the last target was `asked`."""
     if problem.case.blocked is not None:
-        both = [one.problem.metrics_of(one.equilibrium) for one in (designed, printed)]
-        push, there = (next(iter(values.values())) for values in both)
-        return np.asarray(problem.case.asks + push - there + asked - push)
+        (push,) = printed.problem.metrics_of(printed.equilibrium).values()
+        # A force is asked for as a least value: what the print has beyond it is not taken away.
+        return np.asarray(asked + max(float(problem.case.asks) - push, 0.0))
     mesh = make_transfer(printed.problem.skin.pattern, problem.skin.pattern)
     shape, own = (
         one.problem.skin.gather_vertices(one.equilibrium.positions) for one in (printed, designed)

@@ -35,7 +35,6 @@ from toros_fem.products.actuators.estimates import (
     MeshValues,
     MetricErrors,
     SimulatedPrint,
-    is_held,
     metric_errors,
     simulated_on,
     values_at,
@@ -254,7 +253,8 @@ class Designer(DensityDesigner):
         scene, comm = self.scene, self.comm
         case = require_affordable_meshes(comm, scene)
         of_target = [] if case is None else target_doubts(case)
-        warn_of_doubts(comm, [*doubts(scene), *of_target])
+        of_poses = [doubt for pose in scene.scenes_of_poses for doubt in doubts(pose)]
+        warn_of_doubts(comm, list(dict.fromkeys([*doubts(scene), *of_poses, *of_target])))
         # A given print is the start, whatever the seed.
         most = 1 if self.source is not None else scene.design.seeds
         best = self._best_of(
@@ -501,7 +501,7 @@ class Designer(DensityDesigner):
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
         made = printed.evaluation
-        unreached = () if made is None or curve is None else doubts_of_poses(made)
+        unreached = () if made is None else doubts_of_poses(made)
         found = self._write(replace(found, curve=curve, pose_doubts=unreached))
         if curve is not None and curve.doubt is not None and self.comm.rank == 0:
             log.warning("%s: it may not take the shape that is told", curve.doubt)
@@ -597,7 +597,7 @@ class Designer(DensityDesigner):
 
         With it comes the print on that mesh. None if that is the pressure that it has.
         """
-        if is_held(found.printed):
+        if self.holds(found.printed):
             return None
         fine = replace(found.printed, evaluation=there)
         tolerances, designed = found.tolerances, self._designed_pressures(found)

@@ -208,6 +208,12 @@ class _Search:
     def __init__(self, job: Job) -> None:
         self.job = job
         self.plain = job.scene.case(job.comm, job.scene.print_level)
+        if self.plain.poses:
+            raise ParameterError(
+                "start = 'relaxed' lays lines for one pose, and the case has further ones. Set "
+                "start = 'random'.",
+                "start",
+            )
         self.residuals = residuals_of(self.plain)
         self.best: tuple[Round, LinePrint]  # from the first print on
         self.finer = job.scene.checked(job.scene.print_level)

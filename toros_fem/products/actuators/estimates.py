@@ -69,19 +69,21 @@ class Job:
 
     def trimmed(self, printed: PrintedDesign) -> PrintedDesign:
         """Return a print at the pressure that suits it best, or at the one that is held."""
-        if is_held(printed):
+        if self.holds(printed):
             return printed
         return trimmed(printed, tolerances=self.scene.results.tolerances)
+
+    def holds(self, printed: PrintedDesign) -> bool:
+        """Return whether the pressure of a print is as it was given."""
+        made = printed.evaluation
+        if made is None:
+            return False
+        designed = any(made.problem.physics.pressure_ranges)
+        return not designed and (not made.poses or self.scene.holds_pressure)
 
     def problem(self, case: Case, level: Level) -> ShapeDesign:
         """Return the design problem of a case on the mesh of a level (collective)."""
         return self.scene.problem(self.comm, case, level, verbose=self.verbose)
-
-
-def is_held(printed: PrintedDesign) -> bool:
-    """Return whether the pressure of a print is given, and not designed."""
-    made = printed.evaluation
-    return made is not None and not made.poses and not any(made.problem.physics.pressure_ranges)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -393,6 +393,16 @@ class DesignScene(Scene):
         """Return the case of the first pose with those of all further ones (collective)."""
         return self.case(comm, level)
 
+    @property
+    def scenes_of_poses(self) -> Sequence[Self]:
+        """The scene of each further pose."""
+        return ()
+
+    @property
+    def holds_pressure(self) -> bool:
+        """Whether no pressure is changed for a print, if there are several poses."""
+        return True
+
     def require_possible(self, pattern: Pattern) -> None:
         """Check numbers of the design on a skin that do not need its own mesh.
 
@@ -434,6 +444,17 @@ class Pose(Table):
             )
 
 
+def _without_block(case: Case) -> Case:
+    """Return the case of a first pose, whose panels are free."""
+    if case.blocked is not None:
+        raise ParameterError(
+            "blocked_angle is given to the first pose, whose shape is designed. Write it in a "
+            "table [[pose]].",
+            "blocked_angle",
+        )
+    return case
+
+
 class ActuatorScene(DesignScene):
     """A kind of scenes: a skin of sheets under a pressure, its size and its quick variant."""
 
@@ -456,8 +477,14 @@ class ActuatorScene(DesignScene):
                 "= 'random'.",
                 "start",
             )
-        for values in self.poses:
-            self._of_pose(values)
+        names = [self._of_pose(values)[1].name for values in self.poses]
+        twice = next((name for name in names if name and names.count(name) > 1), None)
+        if twice is not None:
+            raise ParameterError(
+                f"name = {twice!r} is that of two poses: figures of one would overwrite those of "
+                "the other. Give each its own.",
+                "name",
+            )
 
     @classmethod
     def pose_keys(cls) -> dict[str, Key]:
@@ -492,14 +519,25 @@ class ActuatorScene(DesignScene):
     def case_of_poses(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the case of the first pose with those of all further ones (collective)."""
         if not self.poses:
-            return self.case(comm, level)
+            return _without_block(self.case(comm, level))
         scenes = [self._of_pose(values) for values in ({}, *self.poses)]
         first, *others = (scene.case(comm, level) for scene, _ in scenes)
+        _without_block(first)
         poses = [
             replace(other, pattern=first.pattern, name=pose.name, importance=pose.importance)
             for other, (_, pose) in zip(others, scenes[1:], strict=True)
         ]
         return replace(first, poses=poses)
+
+    @property
+    def scenes_of_poses(self) -> Sequence[Self]:
+        """The scene of each further pose."""
+        return [self._of_pose(values)[0] for values in self.poses]
+
+    @property
+    def holds_pressure(self) -> bool:
+        """Whether no pressure is changed for a print, if there are several poses."""
+        return self.pressure.hold_pressure
 
     def coarse(self) -> Self:
         """Return the quick variant: a mesh less, or one with longer edges that are still useful."""

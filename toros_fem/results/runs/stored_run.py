@@ -157,7 +157,10 @@ def beyond_tests(content: Mapping[str, Any]) -> str:
     """Return that a fabric stretches further than it was tested; empty if not, or not known."""
     known, figures = known_use(content), content.get("figures") or ()
     used = next((row["value"] for row in figures if row["name"] == "stretch"), None)
-    if known is None or used is None or used <= (1 + BEYOND) * known:
+    if known is None or used is None:
+        return ""
+    used = max(used, *(of["stretch_use"] for of in (content.get("poses") or {}).values()), 0.0)
+    if used <= (1 + BEYOND) * known:
         return ""
     most, tested = (1 + use * (content["inputs"]["c1"] - 1) for use in (used, known))
     return (
@@ -337,7 +340,7 @@ class Run:
         rows = [row for row in self.curve if math.isfinite(row.get("pressure_pa", math.nan))]
         tested = known_use(self.summary.entries)
         poses = [
-            PoseFigure(key, of["pressures_pa"][0], self.summary.figures[f"{name}_{key}"])
+            PoseFigure(key, max(of["pressures_pa"]), self.summary.figures[f"{name}_{key}"])
             for name, of in (self.summary.entries.get("poses") or {}).items()
             for key in (rows[0] if rows and of["on_the_curve"] else ())
             if key != "pressure_pa" and f"{name}_{key}" in self.summary.figures
