@@ -131,6 +131,8 @@ def optimize(
     try:
         saved = entry.saved()
         soft: tuple[int, ...] = ()
+        if after is None and start is None and problem.poses:
+            options = options.with_first_pose()
         if after is None and start is None and problem.fields.beta > 0:
             # A run that goes on keeps the soft start that it has made.
             soft = options.soft_steps() if saved is None else tuple(saved.numbers["soft"])
@@ -295,6 +297,8 @@ class _Run:
         problem = self.problem
         if stage.beta is not None:
             problem = problem.changed(fields=problem.fields.with_beta(stage.beta))
+        if stage.first_pose is not None:
+            problem = problem.changed(importance=stage.first_pose * problem.importance)
         found = self.first_design(problem, number, saved)
         if found is None:
             return
@@ -441,7 +445,7 @@ class _Run:
             stage=number,
             level=self.level,
             objective=e.objective,
-            shape=e.shape,
+            shape=self.problem.shape_of_poses(e),
             perimeter=e.perimeter or 0.0,
             g_r=g_r,
             g_t=g_t,

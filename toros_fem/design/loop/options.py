@@ -22,6 +22,8 @@ LOOK_BACK = 10
 LOST = 2.0
 # A soft start: parts of the steps of a first stage, and β there over that of the problem.
 SOFT_START = ((0.3, 0.2), (0.3, 0.4))
+# Factor on the weight of the first of several poses in the stage that a design begins with.
+FIRST_POSE = 100.0
 
 
 class Stage(Table):
@@ -38,6 +40,9 @@ class Stage(Table):
     )
     tighten: Annotated[float, In(above=0, below=1)] = key(
         0.5, "target of a violated constraint in each step, over its value"
+    )
+    first_pose: Positive | None = key(
+        None, "factor on the weight of the first of several poses; none for none"
     )
 
 
@@ -85,6 +90,14 @@ class DesignOptions(Table):
     def iterations(self) -> int:
         """Largest number of MMA steps over all stages."""
         return sum(stage.iterations for stage in self.stages)
+
+    def with_first_pose(self) -> DesignOptions:
+        """Return options that begin with the first stage, in which the first pose counts most.
+
+        From noise, designs for several poses at once end in traps that one for each avoids.
+        """
+        first = replace(self.stages[0], first_pose=FIRST_POSE)
+        return self.updated(stages=(first, *self.stages))
 
     def soft_steps(self) -> tuple[int, ...]:
         """Return the steps of the parts of a soft start, taken from those of the first stage."""

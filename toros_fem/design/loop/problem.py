@@ -352,6 +352,18 @@ class DesignProblem(Generic[R]):
         fields = density, filtered, projected
         return Evaluation(self, *fields, first, shape, measures, widths, seconds, poses)
 
+    def shape_of_poses(self, evaluation: Evaluation[R]) -> float:
+        """Return the part of T that measures the distance from the target, by its weights.
+
+        Those of the evaluation may be others, in a stage where one pose counts most.
+        """
+        if not evaluation.poses:
+            return evaluation.shape
+        every = [(one.problem, one.equilibrium) for one in evaluation.every]
+        return self.mean(
+            [problem.objective.forward(problem.physics.observed(at)) for problem, at in every]
+        )
+
     def mean(self, shapes: Sequence[float]) -> float:
         """Return the mean of the objectives of all poses, weighted by their importance."""
         if len(shapes) == 1:
