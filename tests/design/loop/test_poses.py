@@ -147,12 +147,12 @@ def test_poses_are_carried_to_another_mesh(alone: MPI.Comm) -> None:
     density, start = design.on(problem)
     warm = problem.simulate(density, start)
     assert warm.metrics == pytest.approx(problem.simulate(density).metrics, abs=1e-3)
-    # What is held at both ends hardly moves.
+    # Noise hardly moves the skin, and what is held at both ends even less.
     for begun, one in zip(start[:3], warm.every[:3], strict=True):
         assert isinstance(one.problem, ShapeDesign)
         model, end = one.problem.solver.model, one.equilibrium.positions
         way, whole = model.positions(begun) - end, model.positions(model.assembled) - end
-        assert np.linalg.norm(way) < 0.5 * np.linalg.norm(whole)
+        assert np.linalg.norm(way) < 0.9 * np.linalg.norm(whole)
 
 
 def test_a_print_is_simulated_in_all_poses(alone: MPI.Comm) -> None:
