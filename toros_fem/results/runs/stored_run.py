@@ -237,7 +237,8 @@ def read_content(folder: Path) -> dict[str, Any]:
 
 def _figure(row: Mapping[str, Any]) -> Figure:
     """Return the figure of an entry; a KeyError, TypeError or ValueError says that it is none."""
-    found = Figure(*(row.get(one.name, one.default) for one in fields(Figure)))
+    known = [one.name for one in fields(Figure) if one.name in row or one.name != "at_least"]
+    found = Figure(**{name: row[name] for name in known})
     named = isinstance(found.name, str) and isinstance(found.unit, str)
     widths = (found.interval, found.tolerance)
     numbers = [one for one in (found.value, found.target, *widths) if one is not None]
