@@ -240,3 +240,7 @@ def test_a_design_begins_with_its_first_pose(alone: MPI.Comm) -> None:
     assert rows[-1].objective == pytest.approx(rows[-1].shape)
     assert found.final.shape == pytest.approx(rows[-1].shape)
     assert optimize(found.problem, [Stage(1)], after=found).history[-1].stage == rows[-1].stage + 1
+    # What another load suits is far from what suits the first pose.
+    loaded = replace(case, poses=[pose(tube, -20.0, 3e3, force=hung(tube, 0.05))])
+    both = optimize(ShapeDesign(alone, loaded, PLAIN), [Stage(4)], seed=2)
+    assert both.history[-1].stage == rows[-1].stage - 1

@@ -131,7 +131,7 @@ def optimize(
     try:
         saved = entry.saved()
         soft: tuple[int, ...] = ()
-        if after is None and start is None and problem.poses:
+        if after is None and start is None and problem.poses and problem.on_one_path:
             options = options.with_first_pose()
         if after is None and start is None and problem.fields.beta > 0:
             # A run that goes on keeps the soft start that it has made.

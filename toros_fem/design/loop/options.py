@@ -94,7 +94,7 @@ class DesignOptions(Table):
     def with_first_pose(self) -> DesignOptions:
         """Return options that begin with the first stage, in which the first pose counts most.
 
-        From noise, designs for several poses at once end in traps that one for each avoids.
+        From noise, designs for several pressures at once end in traps that one for each avoids.
         """
         first = replace(self.stages[0], first_pose=FIRST_POSE)
         return self.updated(stages=(first, *self.stages))

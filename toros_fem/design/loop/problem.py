@@ -183,6 +183,11 @@ class DesignProblem(Generic[R]):
         return self, *self.poses
 
     @property
+    def on_one_path(self) -> bool:
+        """Whether further poses are at other pressures, and nothing else acts on them."""
+        return False
+
+    @property
     def all_metrics(self) -> tuple[Metric, ...]:
         """The metrics of all poses."""
         return tuple(metric for one in self.every for metric in one.metrics)

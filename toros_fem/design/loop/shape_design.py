@@ -319,6 +319,11 @@ class ShapeDesign(ShapeProblem):
                 parts=self.parts,
             )
 
+    @property
+    def on_one_path(self) -> bool:
+        """Whether further poses are at other pressures, and nothing else acts on them."""
+        return all(map(self.case.differs_in_pressure_alone, self.case.poses))
+
     def towards(self, case: Case) -> Self:
         """Return the same design with the target and the parts of another case (collective).
 
