@@ -323,7 +323,8 @@ def products_table(rows: Rows) -> str:
 def poses_table(rows: Rows) -> str:
     """Return a line for each pair of poses, as of products, and what one pose alone gives."""
     own = [row for row in rows if row.case == "poses"]
-    table = _reached(own, "poses", POSES)
+    both = [row for row in own if not row.figure.startswith("alone_")]
+    table = _reached(both, "poses", POSES)
     alone: dict[str, list[Row]] = {}
     for row in own:
         if row.figure.startswith("alone_"):
